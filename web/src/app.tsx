@@ -26,6 +26,7 @@ import { cn } from "@/ui/cn";
 import { useRoute } from "@/state/route";
 import { useSetting } from "@/state/settings";
 import { TABS } from "@/tabs/table";
+import { drawsInSoftware } from "@/widgets/webgl";
 
 const letGo = () => driver.letGo();
 
@@ -37,7 +38,8 @@ export function App() {
   const isLight = useSetting("theme") === "light";
   // On the root element, as dialogs are drawn outside of the app's own.
   useEffect(() => {
-    document.documentElement.classList.toggle("solid-surfaces", solid);
+    // The CPU would blur what lies behind a drawer in every frame of the map.
+    document.documentElement.classList.toggle("solid-surfaces", solid || drawsInSoftware());
     document.documentElement.classList.toggle("high-contrast", contrast === "high");
     document.documentElement.classList.toggle("light", isLight);
   }, [solid, contrast, isLight]);

@@ -17,7 +17,7 @@ const GRADIENTS: Record<Mood, string> = {
 
 /**
  * The living background, in the mood of the robot; a faint tint in the light theme. Behind everything, and behind a scrim that
- * keeps texts readable. It stands still where the CPU draws it: each of its frames would cost as much as one of the whole page.
+ * keeps texts readable. Where it would take the page's frames, as without a graphics processor, its gradients stand still instead.
  */
 export function Aurora() {
   const mood = useMood();

@@ -58,7 +58,7 @@ function Commands({ onChosen }: { onChosen: () => void }) {
             // No command begins with a space, so it stops here too.
             if (event.code !== "Space" || query !== "") return;
             event.preventDefault();
-            stop();
+            if (!event.repeat) stop();
           }}
           className="h-12 w-full bg-transparent text-base outline-none placeholder:text-text-3"
         />

@@ -10,7 +10,7 @@ interface Row {
 
 const ROWS: readonly Row[] = [
   { keys: [{ key: "key_space" }], meaning: "keys_stop" },
-  { keys: [{ key: "key_enter" }, { key: "key_space" }], meaning: "keys_release" },
+  { keys: [{ key: "key_enter" }], meaning: "keys_release" },
   { keys: ["Ctrl K", "⌘ K"], meaning: "keys_palette" },
   { keys: ["1", "…", "7"], meaning: "keys_tabs" },
   { keys: ["←", "→"], meaning: "keys_arrows" },

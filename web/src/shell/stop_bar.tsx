@@ -1,5 +1,5 @@
 import { OctagonX } from "lucide-react";
-import { type MouseEvent, type PointerEvent, useEffect } from "react";
+import { type MouseEvent, type PointerEvent, useEffect, useRef } from "react";
 import { useConsole } from "@/api/console_store";
 import { useAge } from "@/hooks/use_now";
 import { useEstop } from "@/hooks/use_situation";
@@ -14,20 +14,44 @@ const HEARD_TOO_LONG_AGO_S = 1.5;
 
 const LABELS: Record<StopDelivery, TextKey> = { ready: "stop", sent: "stop_sent", stopped: "is_stopped", unsent: "stop_unsent", unconfirmed: "stop_unconfirmed" };
 
-/**
- * The stop acts on the press, not on its end. A click without a pointer comes from the Enter key, or from what presses buttons
- * for a person: screen readers, switches, voice control.
- */
-const PRESS = {
-  onPointerDown: (event: PointerEvent) => event.button === 0 && stop(),
-  onClick: (event: MouseEvent) => event.detail === 0 && stop(),
-};
+/** How long after the end of a press its click may come. */
+const CLICK_AFTER_MS = 500;
 
-/** The permanent stop: full height at the right, or full width above the tabs of a phone. Space does the same. */
+/**
+ * What a stop button reacts to. A press stops at once, and not at its end; its own click is the same press. Every other click
+ * stops as well: screen readers, switches and voice control send clicks only, and so does the Enter key.
+ *
+ * A press may end without a click: the pointer left the button, or what it pointed at was replaced. So the wait for the click
+ * ends with the press, or else the next click of a screen reader would stop nothing. A finger leaves before its click.
+ */
+function usePress() {
+  /** Until when a click belongs to a press that has stopped already, in the time of events. */
+  const ownClickUntilMs = useRef(-Infinity);
+  const endPress = (event: PointerEvent) => {
+    ownClickUntilMs.current = Math.min(ownClickUntilMs.current, event.timeStamp + CLICK_AFTER_MS);
+  };
+  return {
+    onPointerDown: (event: PointerEvent) => {
+      if (event.button !== 0) return;
+      stop();
+      ownClickUntilMs.current = Infinity;
+    },
+    onPointerUp: endPress,
+    onPointerLeave: endPress,
+    onClick: (event: MouseEvent) => {
+      const isOwn = event.timeStamp <= ownClickUntilMs.current;
+      ownClickUntilMs.current = -Infinity;
+      if (!isOwn) stop();
+    },
+  };
+}
+
+/** The permanent stop: full height at the right, or full width above the tabs of a phone. Space does the same, whatever has the focus. */
 export function StopBar() {
   const text = useText();
   const delivery = useStopDelivery();
   const isDoubtful = delivery === "unsent" || delivery === "unconfirmed";
+  const press = usePress();
   useStopKey();
   return (
     <button
@@ -36,7 +60,7 @@ export function StopBar() {
       data-stop=""
       data-delivery={delivery}
       aria-pressed={delivery !== "ready"}
-      {...PRESS}
+      {...press}
       className={cn(
         "relative z-60 flex shrink-0 touch-manipulation flex-col items-center justify-between bg-stop py-4 text-white select-none active:bg-stop-deep",
         "focus-visible:outline-4 focus-visible:-outline-offset-6 focus-visible:outline-white",
@@ -78,13 +102,14 @@ function useStopDelivery(): StopDelivery {
 /** What stands in the place of a stop bar that failed: it stops, whatever else it cannot show. */
 export function PlainStop() {
   const text = useText();
+  const press = usePress();
   useStopKey();
   return (
     <button
       type="button"
       data-testid="stop"
       data-stop=""
-      {...PRESS}
+      {...press}
       className="relative z-60 shrink-0 bg-stop text-xl font-extrabold text-white uppercase max-md:h-(--stop) max-md:w-full md:w-(--stop)"
     >
       {text("stop")}
@@ -94,18 +119,21 @@ export function PlainStop() {
 
 function useStopKey(): void {
   useEffect(() => {
-    // Captured before everything else: nothing on the page may keep the space bar from stopping the robot.
-    const onKey = (event: KeyboardEvent) => {
-      if (event.code !== "Space" || event.repeat || isTypingSpace(event.target) || isHeldButton(event.target)) return;
+    const isStopKey = (event: KeyboardEvent) => (event.code === "Space" || event.key === " ") && !isTypingSpace(event.target);
+    // A key that is held down repeats; each repetition would press the button that has the focus.
+    const onDown = (event: KeyboardEvent) => {
+      if (!isStopKey(event)) return;
       event.preventDefault();
-      stop();
+      if (!event.repeat) stop();
     };
-    window.addEventListener("keydown", onKey, { capture: true });
-    return () => window.removeEventListener("keydown", onKey, { capture: true });
+    // Firefox clicks the button that has the focus when the key comes up, even if nothing followed its going down.
+    const onUp = (event: KeyboardEvent) => isStopKey(event) && event.preventDefault();
+    // Captured before everything else: nothing on the page may keep the space bar from stopping the robot.
+    window.addEventListener("keydown", onDown, { capture: true });
+    window.addEventListener("keyup", onUp, { capture: true });
+    return () => {
+      window.removeEventListener("keydown", onDown, { capture: true });
+      window.removeEventListener("keyup", onUp, { capture: true });
+    };
   }, []);
-}
-
-/** A button that is being held by the space bar, such as the release: it acts only after a second, and deliberately. */
-function isHeldButton(target: EventTarget | null): boolean {
-  return target instanceof HTMLElement && target.closest("[data-hold]") !== null;
 }

@@ -20,16 +20,17 @@ describe("a button to be held", () => {
       ),
     );
   const button = () => container.querySelector("button") as HTMLButtonElement;
-  const press = (button_: number) =>
+  /** The time of events; React takes that of an event at 0 for unknown. */
+  const nowMs = () => 1000 + performance.now();
+  const send = (event: Event, atMs: number) =>
     act(() => {
-      const event = new MouseEvent("pointerdown", { bubbles: true, button: button_ });
-      Object.assign(event, { isPrimary: true });
+      Object.defineProperty(event, "timeStamp", { value: atMs });
       button().dispatchEvent(event);
     });
-  const click = (detail: number) =>
-    act(() => {
-      button().dispatchEvent(new MouseEvent("click", { bubbles: true, detail }));
-    });
+  const pointer = (type: string, atMs = nowMs(), init: PointerEventInit = {}) => send(new PointerEvent(type, { bubbles: true, isPrimary: true, ...init }), atMs);
+  const press = (button_: number) => pointer("pointerdown", nowMs(), { button: button_ });
+  const key = (type: string, name: string, atMs: number, repeat = false) => send(new KeyboardEvent(type, { bubbles: true, key: name, repeat }), atMs);
+  const click = (detail: number, atMs = nowMs()) => send(new MouseEvent("click", { bubbles: true, detail }), atMs);
   const wait = (ms: number) => act(() => vi.advanceTimersByTime(ms));
 
   beforeEach(() => {
@@ -51,9 +52,11 @@ describe("a button to be held", () => {
     wait(2 * HOLD_MS);
     expect(onHeld).not.toHaveBeenCalled();
     press(0);
-    wait(HOLD_MS - 1);
+    wait(HOLD_MS);
     expect(onHeld).not.toHaveBeenCalled();
-    wait(1);
+    wait(50);
+    expect(onHeld).toHaveBeenCalledOnce();
+    pointer("pointerup");
     expect(onHeld).toHaveBeenCalledOnce();
   });
 
@@ -81,6 +84,13 @@ describe("a button to be held", () => {
     expect(button().textContent).toBe("Hold to release");
   });
 
+  it("asks again after a double click, of which the second one is handled late", () => {
+    click(0, 1000);
+    wait(2000);
+    click(0, 1100);
+    expect(onHeld).not.toHaveBeenCalled();
+  });
+
   it("forgets a click once the focus is elsewhere, and keeps it while the pointer passes over", () => {
     button().focus();
     click(0);
@@ -95,12 +105,63 @@ describe("a button to be held", () => {
     expect(onHeld).not.toHaveBeenCalled();
   });
 
-  it("takes no focus from the pointer, so that the space bar stops afterwards", () => {
-    const event = new MouseEvent("mousedown", { bubbles: true, cancelable: true });
-    act(() => {
-      button().dispatchEvent(event);
-    });
-    expect(event.defaultPrevented).toBe(true);
+  it("is held by Enter, and not by Space", () => {
+    key("keydown", " ", 1000);
+    wait(2 * HOLD_MS);
+    key("keyup", " ", 3400);
+    expect(onHeld).not.toHaveBeenCalled();
+    key("keydown", "Enter", 4000);
+    key("keydown", "Enter", 4500, true);
+    wait(2 * HOLD_MS);
+    key("keydown", "Enter", 6300, true);
+    key("keyup", "Enter", 6400);
+    expect(onHeld).toHaveBeenCalledOnce();
+  });
+
+  // While a page is blocked, neither its timers nor its events are handled; afterwards they are, in any order.
+  it("acts at the release of a hold that was long enough, of which the page saw nothing while it was blocked", () => {
+    pointer("pointerdown", 1000);
+    pointer("pointerup", 1000 + HOLD_MS);
+    expect(onHeld).toHaveBeenCalledOnce();
+    key("keydown", "Enter", 5000);
+    key("keyup", "Enter", 5000 + HOLD_MS);
+    expect(onHeld).toHaveBeenCalledTimes(2);
+    wait(2 * HOLD_MS);
+    expect(onHeld).toHaveBeenCalledTimes(2);
+  });
+
+  it("does not act if its late timer ends before the release of a short hold is handled", () => {
+    pointer("pointerdown", 1000);
+    wait(HOLD_MS);
+    pointer("pointerup", 1500);
+    wait(2 * HOLD_MS);
+    expect(onHeld).not.toHaveBeenCalled();
+    expect(button().dataset["timesHeld"]).toBe("0");
+  });
+
+  it("does not act if its press and the release of a short hold are handled late", () => {
+    wait(3000);
+    pointer("pointerdown", 1000);
+    wait(500);
+    pointer("pointerup", 1500);
+    wait(2 * HOLD_MS);
+    expect(onHeld).not.toHaveBeenCalled();
+  });
+
+  it.each(["pointerout", "pointercancel"])("does not act after %s, however late", (type) => {
+    pointer("pointerdown", 1000);
+    pointer(type, 3000);
+    pointer("pointerup", 3000);
+    wait(2 * HOLD_MS);
+    expect(onHeld).not.toHaveBeenCalled();
+  });
+
+  it("does not act at the release after it was disabled", () => {
+    pointer("pointerdown", 1000);
+    show(true);
+    show(false);
+    pointer("pointerup", 3000);
+    expect(onHeld).not.toHaveBeenCalled();
   });
 
   it("forgets a click that nobody confirms", () => {

@@ -4,6 +4,17 @@ import { cn } from "./cn";
 
 export const HOLD_MS = 1200;
 
+/**
+ * How long the button waits for a late release once its timer has ended, before it acts.
+ *
+ * A page that was blocked handles late what happened meanwhile: its timer may run before the release of a hold that was too
+ * short. The input that waits is handled within this time. Chromium and Firefox have it in the page's own queue, and prefer it
+ * to timers; Safari hands over each event after the one before was handled, which takes a few milliseconds. A release during
+ * this time, also one that is handled after another block, ends a hold that was long enough. (Only Chromium can be asked
+ * whether input waits.)
+ */
+const SETTLE_MS = 50;
+
 interface HoldButtonProps extends Omit<ComponentProps<"button">, "onClick"> {
   /** Called once the button was held for HOLD_MS. */
   onHeld: () => void;
@@ -15,31 +26,43 @@ const CONFIRM_MS = 8000;
 const APART_MS = 400;
 
 /**
- * A button for what must not happen by a slip: it acts after it was held, by pointer, Enter or Space. What presses buttons for a
- * person, such as a screen reader, cannot hold: it clicks, and clicks again to confirm.
+ * A button for what must not happen by a slip: it acts after it was held, by pointer or Enter; Space stops the robot here, as
+ * everywhere. What presses buttons for a person, such as a screen reader, cannot hold: it clicks, and clicks again to confirm.
  */
 export function HoldButton({ onHeld, tone = "light", className, children, disabled, ...rest }: HoldButtonProps) {
   const text = useText();
   const [holding, setHolding] = useState(false);
   /** How often it was held long enough, so that a test can wait for that instead of a time. */
   const [timesHeld, setTimesHeld] = useState(0);
-  /** performance.now() of the click that waits for its confirmation; null without one. */
+  /** When the click came that waits for its confirmation, in the time of events; null without one. */
   const [clickedMs, setClickedMs] = useState<number | null>(null);
+  /** When the hold began, in the time of events; null without one. */
+  const pressedMs = useRef<number | null>(null);
   const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
   const confirmTimer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
 
-  function begin(): void {
-    if (disabled === true || holding) return;
+  function begin(event: { timeStamp: number }): void {
+    if (disabled === true || pressedMs.current !== null) return;
+    pressedMs.current = event.timeStamp;
     setHolding(true);
-    timer.current = setTimeout(() => {
-      setHolding(false);
-      setTimesHeld((times) => times + 1);
-      onHeld();
-    }, HOLD_MS);
+    timer.current = setTimeout(() => (timer.current = setTimeout(act, SETTLE_MS)), HOLD_MS);
   }
 
-  function end(): void {
+  /** The times of the events count: where the page was blocked, the timer of a hold that was long enough may not have ended. */
+  function release(event: { timeStamp: number }): void {
+    if (pressedMs.current !== null && event.timeStamp - pressedMs.current >= HOLD_MS) act();
+    else cancel();
+  }
+
+  function act(): void {
+    cancel();
+    setTimesHeld((times) => times + 1);
+    onHeld();
+  }
+
+  function cancel(): void {
     clearTimeout(timer.current);
+    pressedMs.current = null;
     setHolding(false);
   }
 
@@ -48,13 +71,12 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
     setClickedMs(null);
   }
 
-  function click(): void {
+  function click(event: { timeStamp: number }): void {
     if (disabled === true) return;
-    const now = performance.now();
     if (clickedMs === null) {
-      setClickedMs(now);
+      setClickedMs(event.timeStamp);
       confirmTimer.current = setTimeout(() => setClickedMs(null), CONFIRM_MS);
-    } else if (now - clickedMs >= APART_MS) {
+    } else if (event.timeStamp - clickedMs >= APART_MS) {
       forgetClick();
       onHeld();
     }
@@ -67,6 +89,7 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
   useEffect(() => {
     if (disabled !== true) return;
     clearTimeout(timer.current);
+    pressedMs.current = null;
     clearTimeout(confirmTimer.current);
   }, [disabled]);
   useEffect(
@@ -80,33 +103,27 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
   return (
     <button
       type="button"
-      data-hold=""
       data-times-held={timesHeld}
       disabled={disabled}
       {...rest}
-      // Only the keyboard gives it the focus: the space bar stops the robot again after a press by the pointer.
-      onMouseDown={(event) => event.preventDefault()}
-      onPointerDown={(event) => event.button === 0 && event.isPrimary && begin()}
-      onClick={(event) => event.detail === 0 && click()}
-      onPointerUp={end}
-      onPointerLeave={end}
-      onPointerCancel={end}
+      onPointerDown={(event) => event.button === 0 && event.isPrimary && begin(event)}
+      onClick={(event) => event.detail === 0 && click(event)}
+      onPointerUp={release}
+      // Whoever leaves the button gives up, however late the page shows the hold.
+      onPointerLeave={cancel}
+      onPointerCancel={cancel}
       onBlur={() => {
-        end();
+        cancel();
         forgetClick();
       }}
       onContextMenu={(event) => event.preventDefault()}
       onKeyDown={(event) => {
-        if (event.key !== "Enter" && event.key !== " ") return;
-        // Space stops the robot everywhere but on a button that is held by it.
-        event.stopPropagation();
-        event.preventDefault();
-        if (!event.repeat) begin();
+        if (event.key !== "Enter") return;
+        event.preventDefault(); // no click follows
+        if (!event.repeat) begin(event);
       }}
       onKeyUp={(event) => {
-        if (event.key !== "Enter" && event.key !== " ") return;
-        event.preventDefault(); // no click follows
-        end();
+        if (event.key === "Enter") release(event);
       }}
       className={cn(
         "relative h-11 shrink-0 touch-none overflow-hidden rounded-md px-4 text-sm font-semibold select-none",

@@ -93,6 +93,31 @@ test("what presses buttons for a person stops the robot, and confirms a release"
   await expect(page.getByTestId("stop")).not.toContainText("Stopped");
 });
 
+test("the space bar stops while a held button has the focus, and does not act on it", async ({ page }) => {
+  await openMock(page, "map", "state=mission&control=you");
+  await hold(page, "release");
+  const abort = page.getByRole("button", { name: "Hold to abort" });
+  await abort.focus();
+  await page.keyboard.down("Space");
+  await expect(page.getByTestId("stop")).toContainText("Stopped");
+  await page.waitForTimeout(2500);
+  await page.keyboard.up("Space");
+  await expect(abort).toHaveAttribute("data-times-held", "0");
+  await expect(abort).toHaveText("Hold to abort");
+});
+
+test("a click without a pointer stops, and Enter on a held button acts", async ({ page }) => {
+  await openMock(page, "teleop", "state=calm&control=you");
+  const release = page.getByTestId("release");
+  await release.focus();
+  await page.keyboard.down("Enter");
+  await expect(page.getByText("Sticks are live")).toBeVisible();
+  await page.keyboard.up("Enter");
+  await page.getByTestId("stop").evaluate((button: HTMLElement) => button.click());
+  await expect(page.getByText("Sticks are blocked")).toBeVisible();
+  await expect(page.getByTestId("stop")).toContainText("Stopped");
+});
+
 test("a click into the report of a run stops nothing, and the space bar still does", async ({ page }) => {
   await openMock(page, "map", "state=mission&control=you");
   await page.keyboard.press("Control+k");

@@ -1,22 +1,41 @@
 // @vitest-environment jsdom
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { animate } from "./animation";
 import { LOOKS, type Look } from "./mood";
 import { createShader } from "./shader";
 
 vi.mock("./shader", () => ({ createShader: vi.fn() }));
 
 const drawn: Look[] = [];
+const release = vi.fn<() => void>();
+let prefersStill = false;
+let animate: typeof import("./animation").animate;
 
-function startOn(isSoftware: boolean) {
-  vi.mocked(createShader).mockReturnValue({ isSoftware, draw: (look) => drawn.push(look), resize: () => {} });
-  return animate(document.createElement("canvas"), LOOKS.calm);
+/** The page's pending animation frame, for tests that say when it comes. */
+let pending: ((nowMs: number) => void)[] = [];
+let nowMs = 1000;
+
+function frames(count: number, periodMs: number): void {
+  for (let frame = 0; frame < count; frame += 1) {
+    nowMs += periodMs;
+    for (const each of pending.splice(0)) each(nowMs);
+  }
 }
 
-beforeEach(() => {
+function takeFrames(): void {
+  vi.stubGlobal("requestAnimationFrame", (draw: (nowMs: number) => void) => pending.push(draw));
+  vi.stubGlobal("cancelAnimationFrame", () => (pending = []));
+}
+
+beforeEach(async () => {
   vi.useFakeTimers({ toFake: ["requestAnimationFrame", "cancelAnimationFrame", "performance"] });
-  vi.stubGlobal("matchMedia", () => Object.assign(new EventTarget(), { matches: false }));
+  vi.stubGlobal("matchMedia", () => Object.assign(new EventTarget(), { matches: prefersStill }));
+  vi.resetModules();
+  ({ animate } = await import("./animation"));
+  vi.mocked(createShader).mockReset().mockReturnValue({ draw: (look) => drawn.push(look), resize: () => {}, release });
+  release.mockClear();
   drawn.length = 0;
+  pending = [];
+  prefersStill = false;
 });
 
 afterEach(() => {
@@ -25,8 +44,8 @@ afterEach(() => {
 });
 
 describe("the aurora", () => {
-  it("drifts where a graphics processor draws it, and ends", () => {
-    const animation = startOn(false);
+  it("drifts and ends", () => {
+    const animation = animate(document.createElement("canvas"), LOOKS.calm);
     vi.advanceTimersByTime(1000);
     const calm = drawn.length;
     expect(calm).toBeGreaterThan(5);
@@ -41,17 +60,46 @@ describe("the aurora", () => {
     expect(drawn.length).toBe(ended);
   });
 
-  it("is drawn once for each mood and each size where the CPU computes its pixels", () => {
-    const animation = startOn(true);
-    vi.advanceTimersByTime(1000);
-    expect(drawn).toEqual([LOOKS.calm]);
+  it("is dropped for good where frames take long, and gives its context back", () => {
+    takeFrames();
+    const canvas = document.createElement("canvas");
+    const animation = animate(canvas, LOOKS.calm);
+    frames(6, 208);
+    expect([canvas.hidden, release.mock.calls.length, pending.length]).toEqual([true, 1, 0]);
+    drawn.length = 0;
     animation.show(LOOKS.stopped);
-    animation.show(LOOKS.stopped);
-    vi.advanceTimersByTime(1000);
-    expect(drawn).toEqual([LOOKS.calm, LOOKS.stopped]);
     window.dispatchEvent(new Event("resize"));
-    vi.advanceTimersByTime(1000);
-    expect(drawn).toEqual([LOOKS.calm, LOOKS.stopped, LOOKS.stopped]);
+    canvas.dispatchEvent(new Event("webglcontextlost"));
+    document.dispatchEvent(new Event("visibilitychange"));
+    frames(10, 16);
     animation.end();
+    const next = document.createElement("canvas");
+    animate(next, LOOKS.calm);
+    frames(10, 16);
+    expect([next.hidden, drawn.length]).toEqual([true, 0]);
+    expect(createShader).toHaveBeenCalledOnce();
+  });
+
+  it("outlives a time in which the page is hidden", () => {
+    takeFrames();
+    const canvas = document.createElement("canvas");
+    animate(canvas, LOOKS.calm);
+    for (let turn = 0; turn < 10; turn += 1) {
+      frames(3, 16);
+      nowMs += 60_000;
+      document.dispatchEvent(new Event("visibilitychange"));
+    }
+    frames(100, 16);
+    expect([canvas.hidden, release.mock.calls.length]).toEqual([false, 0]);
+  });
+
+  it.each(["still", "software"])("is not drawn: %s", (reason) => {
+    prefersStill = reason === "still";
+    if (reason === "software") vi.mocked(createShader).mockReturnValue(null);
+    const canvas = document.createElement("canvas");
+    animate(canvas, LOOKS.calm).show(LOOKS.stopped);
+    vi.advanceTimersByTime(1000);
+    expect([canvas.hidden, drawn.length]).toEqual([true, 0]);
+    expect(createShader).toHaveBeenCalledTimes(reason === "still" ? 0 : 1);
   });
 });

@@ -1,4 +1,5 @@
-/** When the aurora is drawn: all the time at a slow pace, or once for each mood where the CPU computes its pixels. */
+/** When the aurora is drawn: all the time at a slow pace, as long as that leaves the page its frames. */
+import { FrameWatch } from "./frame_watch";
 import { type Look, approach, isSettled } from "./mood";
 import { createShader } from "./shader";
 
@@ -18,10 +19,18 @@ export interface Animation {
   end: () => void;
 }
 
-/** Draw until it is ended. Without WebGL or with reduced motion, the canvas is hidden and the gradient below it is seen. */
+/** Whether frames took long while it was drawn: then it is not drawn again in this page. */
+let isDropped = false;
+
+/**
+ * Draw until it is ended, or until frames take long: a page of few frames a second is late with the stop, too. Without a
+ * graphics processor or with reduced motion, the canvas is hidden and the gradient below it is seen.
+ */
 export function animate(canvas: HTMLCanvasElement, first: Look): Animation {
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  let shader = still.matches ? null : createShader(canvas);
+  const open = () => (still.matches || isDropped ? null : createShader(canvas));
+  const watch = new FrameWatch();
+  let shader = open();
   let goal = first;
   let look = first;
   let time = START;
@@ -30,9 +39,8 @@ export function animate(canvas: HTMLCanvasElement, first: Look): Animation {
   canvas.hidden = shader === null;
 
   const draw = (nowMs: number) => {
-    if (shader?.isSoftware === true) {
-      look = goal;
-      shader.draw(look, time);
+    if (watch.isSlow(nowMs)) {
+      drop();
       return;
     }
     frame = requestAnimationFrame(draw);
@@ -54,8 +62,12 @@ export function animate(canvas: HTMLCanvasElement, first: Look): Animation {
     lastMs = 0;
     begin();
   };
+  const onVisibility = () => {
+    watch.reset();
+    begin();
+  };
   const onMotion = () => {
-    shader = still.matches ? null : createShader(canvas);
+    shader = open();
     canvas.hidden = shader === null;
     fit();
   };
@@ -66,10 +78,25 @@ export function animate(canvas: HTMLCanvasElement, first: Look): Animation {
     canvas.hidden = true;
     begin();
   };
+  const end = () => {
+    cancelAnimationFrame(frame);
+    window.removeEventListener("resize", fit);
+    document.removeEventListener("visibilitychange", onVisibility);
+    still.removeEventListener("change", onMotion);
+    canvas.removeEventListener("webglcontextlost", onLost);
+    canvas.removeEventListener("webglcontextrestored", onMotion);
+  };
+  const drop = () => {
+    isDropped = true;
+    end();
+    shader?.release();
+    shader = null;
+    canvas.hidden = true;
+  };
 
   fit();
   window.addEventListener("resize", fit);
-  document.addEventListener("visibilitychange", begin);
+  document.addEventListener("visibilitychange", onVisibility);
   still.addEventListener("change", onMotion);
   canvas.addEventListener("webglcontextlost", onLost);
   canvas.addEventListener("webglcontextrestored", onMotion);
@@ -79,13 +106,6 @@ export function animate(canvas: HTMLCanvasElement, first: Look): Animation {
       goal = next;
       begin();
     },
-    end: () => {
-      cancelAnimationFrame(frame);
-      window.removeEventListener("resize", fit);
-      document.removeEventListener("visibilitychange", begin);
-      still.removeEventListener("change", onMotion);
-      canvas.removeEventListener("webglcontextlost", onLost);
-      canvas.removeEventListener("webglcontextrestored", onMotion);
-    },
+    end,
   };
 }

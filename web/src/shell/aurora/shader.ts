@@ -1,5 +1,5 @@
 /** The aurora's picture: layers of noise that drift through one another, drawn by one triangle in plain WebGL. */
-import { isSoftwareContext } from "@/widgets/webgl";
+import { drawsInSoftware, releaseContext } from "@/widgets/webgl";
 import type { Look } from "./mood";
 
 const VERTEX = "attribute vec2 corner; void main() { gl_Position = vec4(corner, 0.0, 1.0); }";
@@ -52,15 +52,20 @@ void main() {
 }`;
 
 export interface Shader {
-  /** Whether the CPU computes every pixel, and every layer above it anew with each frame. */
-  isSoftware: boolean;
   draw: (look: Look, time: number) => void;
   resize: (width: number, height: number) => void;
+  /** Nothing can be drawn afterwards. */
+  release: () => void;
 }
 
-/** The shader on a canvas; null where the browser has no WebGL or refuses it. */
+/**
+ * The shader on a canvas; null without a graphics processor, or where the browser refuses it. The CPU would compute every pixel,
+ * and every layer above it anew with each frame, which leaves the page a few frames a second.
+ */
 export function createShader(canvas: HTMLCanvasElement): Shader | null {
-  const gl = canvas.getContext("webgl", { antialias: false, alpha: false, depth: false, powerPreference: "low-power" });
+  if (drawsInSoftware()) return null;
+  // Asked again here: a browser whose graphics process ended goes on in software.
+  const gl = canvas.getContext("webgl", { antialias: false, alpha: false, depth: false, powerPreference: "low-power", failIfMajorPerformanceCaveat: true });
   if (gl === null) return null;
   const program = link(gl);
   if (program === null) return null;
@@ -73,7 +78,7 @@ export function createShader(canvas: HTMLCanvasElement): Shader | null {
   const place = (name: string) => gl.getUniformLocation(program, name);
   const [size, time, stop, lost, gain] = [place("size"), place("time"), place("stop"), place("lost"), place("gain")];
   return {
-    isSoftware: isSoftwareContext(gl),
+    release: () => releaseContext(gl),
     resize: (width, height) => {
       canvas.width = width;
       canvas.height = height;
