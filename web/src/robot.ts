@@ -22,6 +22,7 @@ import { notePublication, noteStop, noteVelocity } from "@/state/publish_log";
 import { showInfo, showProblem } from "@/state/problems";
 import { useRoute } from "@/state/route";
 import { setting } from "@/state/settings";
+import { endHolds } from "@/ui/holds";
 
 const PING_MS = 2000;
 /** After this many pings without an answer, or anything else, the link is dead, whatever the browser believes. */
@@ -182,6 +183,7 @@ export const driver = new Driver(sendVelocity, driveBlocker, (commanded, blocker
 
 /** Stop the robot, for a person at this page. */
 export function stop(reason: StopReason = "user"): void {
+  endHolds();
   gate.engage(reason);
   useGate.setState(({ presses }) => ({ presses: presses + 1 }));
   stopWithoutLink();

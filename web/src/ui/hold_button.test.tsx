@@ -3,6 +3,7 @@ import { act } from "react";
 import { type Root, createRoot } from "react-dom/client";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { HOLD_MS, HoldButton } from "./hold_button";
+import { endHolds } from "./holds";
 
 (globalThis as { IS_REACT_ACT_ENVIRONMENT?: boolean }).IS_REACT_ACT_ENVIRONMENT = true;
 
@@ -67,6 +68,19 @@ describe("a button to be held", () => {
     wait(HOLD_MS);
     show(false);
     wait(HOLD_MS);
+    expect(onHeld).not.toHaveBeenCalled();
+  });
+
+  it("does not act after a stop, however it was begun", () => {
+    press(0);
+    wait(HOLD_MS - 100);
+    act(endHolds);
+    wait(HOLD_MS);
+    pointer("pointerup");
+    click(0);
+    act(endHolds);
+    wait(1000);
+    click(0);
     expect(onHeld).not.toHaveBeenCalled();
   });
 

@@ -1,6 +1,7 @@
 import { type ComponentProps, useEffect, useRef, useState } from "react";
 import { useText } from "@/i18n/text";
 import { cn } from "./cn";
+import { onHoldsEnd } from "./holds";
 
 export const HOLD_MS = 1200;
 
@@ -92,13 +93,17 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
     pressedMs.current = null;
     clearTimeout(confirmTimer.current);
   }, [disabled]);
-  useEffect(
-    () => () => {
+  useEffect(() => {
+    const forget = onHoldsEnd(() => {
+      cancel();
+      forgetClick();
+    });
+    return () => {
+      forget();
       clearTimeout(timer.current);
       clearTimeout(confirmTimer.current);
-    },
-    [],
-  );
+    };
+  }, []);
 
   return (
     <button
