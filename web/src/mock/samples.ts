@@ -68,7 +68,7 @@ export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.DRIVE_STATUS, 2, driveStatus, true),
   row(TOPICS.CMD_VEL_SINK_ROBOT, 20, twist),
   row(TOPICS.CMD_VEL_SINK_SIM, 20, twist),
-  row(TOPICS.CMD_VEL_NAV, 20, (world) => (world.winner === "nav" ? twist(world) : null)),
+  row(TOPICS.CMD_VEL_NAV, 20, (world) => (world.navigates ? twist(world) : null)),
   row(TOPICS.MISSION_STATE, 5, missionState, true),
   row(TOPICS.TWIN_STATE, 1, twinState, true),
   row(TOPICS.DISCOVERED_TAGS, 2, discoveredTags, true),
@@ -210,7 +210,7 @@ function driveStatus(world: World): MessageTypes["std_msgs/msg/String"] {
     locks: world.isStopped ? ["e-stop"] : [],
     alarms: [],
     sink: { topic: TOPICS.CMD_VEL_SINK_ROBOT.name, listeners: 1 },
-    inputs: { joy: input("joy"), manual: input("manual"), nav: input("nav"), zero: input("zero") },
+    inputs: { joy: input("joy"), manual: input("manual"), auto: input("auto"), zero: input("zero") },
   });
 }
 
