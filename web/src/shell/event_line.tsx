@@ -1,7 +1,7 @@
 import { CircleCheck, Link2, Lock, ShieldAlert, ShieldCheck, TriangleAlert, Unplug } from "lucide-react";
 import { useState } from "react";
 import { useConsole } from "@/api/console_store";
-import { useDriveObstacles, useMissionDrives } from "@/hooks/use_situation";
+import { useCanDrive } from "@/hooks/use_situation";
 import { useIsPhone } from "@/hooks/use_is_phone";
 import { useText } from "@/i18n/text";
 import { useLink } from "@/robot";
@@ -46,8 +46,7 @@ function LinkState() {
 
 export function CanDrive() {
   const text = useText();
-  const reasons = useDriveObstacles();
-  const yes = text(useMissionDrives() ? "can_drive_over_mission" : "can_drive_yes");
+  const { reasons, yes } = useCanDrive();
   const [isOpen, setOpen] = useState(false);
   const first = reasons[0];
   return (
@@ -61,13 +60,13 @@ export function CanDrive() {
         <span className="truncate max-lg:line-clamp-2 max-lg:leading-tight max-lg:whitespace-normal">
           <span className="text-text-3 max-md:sr-only">{text("can_i_drive")} </span>
           <strong className="font-semibold">
-            {first === undefined ? yes : text("can_drive_no", { reason: text(first.key, first.values) })}
+            {first === undefined ? text(yes) : text("can_drive_no", { reason: text(first.key, first.values) })}
           </strong>
         </span>
       </button>
       <Dialog open={isOpen} onOpenChange={setOpen} title={text("can_i_drive")}>
         {reasons.length === 0 ? (
-          <p>{yes}</p>
+          <p>{text(yes)}</p>
         ) : (
           <ul className="flex list-disc flex-col gap-2 pl-5 text-base">
             {reasons.map((reason) => (
