@@ -47,7 +47,6 @@ const RAYS = 360;
 const SCAN_REACH_M = 8;
 const GRID = occupancy();
 const GROWS_EVERY_S = 5;
-const ASTRAY_AFTER_S = 2;
 
 export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.IMU, 50, imu),
@@ -174,11 +173,7 @@ function armTrajectory({ clockS, arm }: World): MessageTypes["trajectory_msgs/ms
 function transforms(world: World): MessageTypes["tf2_msgs/msg/TFMessage"]["transforms"] {
   const { clockS, pose: at } = world;
   const moved = transform(clockS, "odom", "base_link", compose(ODOM_FROM_MAP, at));
-  return isAstray(world) ? [moved] : [transform(clockS, "map", "odom", MAP_FROM_ODOM), moved];
-}
-
-function isAstray({ options, timeS }: World): boolean {
-  return options.faults.has("astray") && timeS > ASTRAY_AFTER_S;
+  return world.isAstray ? [moved] : [transform(clockS, "map", "odom", MAP_FROM_ODOM), moved];
 }
 
 function battery({ clockS, timeS, batteryFraction }: World): MessageTypes["sensor_msgs/msg/BatteryState"] {
@@ -227,7 +222,7 @@ function missionState(world: World): MessageTypes["lupin_msgs/msg/MissionState"]
   return {
     header: header(clockS, "map"),
     ...mission.state(clockS - mission.runningS),
-    ...(isAstray(world) ? { last_error: "robot_lost", last_event: "robot lost on the map — waiting until it is found", last_event_severity: 1 } : {}),
+    ...(world.isAstray ? { last_error: "robot_lost", last_event: "robot lost on the map — waiting until it is found", last_event_severity: 1 } : {}),
     estop_engaged: world.isStopped,
     battery_percentage: world.batteryFraction,
     battery_low: world.batteryFraction < BATTERY.lowShare,

@@ -17,6 +17,7 @@ const TURN_RPS = 1.4;
 const ARRIVED_M = 0.04;
 const ARRIVED_RAD = 0.05;
 const SKEW_S = 1000;
+const ASTRAY_AFTER_S = 2;
 /** The robot's fixed clock in screenshots, which must be reproducible. */
 const FROZEN_EPOCH_S = 1_795_600_000;
 /** In the middle of the third tag's leg. */
@@ -69,10 +70,15 @@ export class World {
     return this.epochS + this.timeS;
   }
 
+  /** Whether the localization has lost the robot, so that a mission waits. */
+  get isAstray(): boolean {
+    return this.options.faults.has("astray") && this.timeS > ASTRAY_AFTER_S;
+  }
+
   /** Whether navigation has a goal, which the sticks outrank and do not end. */
   get navigates(): boolean {
     const { isRunning, paused, loop } = this.mission;
-    const missionDrives = isRunning && !paused && (loop.phase === "navigating" || loop.phase === "returning");
+    const missionDrives = isRunning && !paused && !this.isAstray && (loop.phase === "navigating" || loop.phase === "returning");
     return !this.isStopped && (this.goal !== null || missionDrives);
   }
 
@@ -146,6 +152,7 @@ export class World {
       this.moveToGoal(this.goal, stepS);
       return "auto";
     }
+    if (this.isAstray) return "zero";
     this.mission.advance(stepS);
     if (!this.mission.isRunning || this.mission.paused) return "zero";
     this.follow(figureEight(this.mission.loop.figureS), this.wantedYaw(), stepS, DRIVE.maxLinearMps);
