@@ -119,7 +119,7 @@ export interface ConsoleState {
   pageVersion: string;
   /** Whether the server has another version by now. */
   isOutdated: boolean;
-  /** Whether the event channel is open. */
+  /** Whether the event channel is open, and something was received on it. */
   online: boolean;
   /** When `online` last changed (performance.now()). */
   onlineChangedMs: number;
@@ -141,6 +141,11 @@ export const useConsole = create<ConsoleState>(() => ({
   online: false,
   onlineChangedMs: 0,
 }));
+
+/** Note whether the event channel works. An attempt that fails does not restart the age of the loss. */
+export function setOnline(online: boolean): void {
+  useConsole.setState((before) => (before.online === online ? before : { online, onlineChangedMs: performance.now() }));
+}
 
 /** Everybody who is connected but this browser. */
 export function otherBrowsers({ browsers, session }: ConsoleState): Session[] {
