@@ -19,6 +19,17 @@ import { useSamples, useTopic, useTopics } from "./use_topic";
 /** `/e_stop_state` comes five times a second; older than this it says nothing about now. */
 export const ESTOP_STALE_MS = 1500;
 
+/** Whether the link to the robot was lost, so that every value of the robot is of the past. */
+export function useIsLinkLost(): boolean {
+  return useLink((link) => link.lostMs !== null);
+}
+
+/** Whether what is known of control is of the past. */
+export function useIsControlStale(): boolean {
+  const isOffline = useConsole(({ sessionLoaded, online, onlineChangedMs }) => sessionLoaded && !online && onlineChangedMs > 0);
+  return useIsLinkLost() || isOffline;
+}
+
 /** Whether the robot is stopped as it says itself; null before it said so, or where that is out of date. */
 export function useEstop(): { engaged: boolean | null; reasons: string[]; receivedMs: number | null } {
   const state = useTopic(TOPICS.ESTOP_STATE);
@@ -97,7 +108,7 @@ export function useSentence(): Sentence {
   const wheels = useWheels();
   return sentence({
     isMissionSilent,
-    linkOpen: link.state === "open",
+    linkOpen: link.state === "open" && link.lostMs === null,
     wasOpen: link.wasOpen,
     stopped: estop.engaged,
     mission,
@@ -146,7 +157,7 @@ export function useHeldAtZero(): boolean {
 
 function useDriveFacts(): DriveFacts {
   const text = useText();
-  const linkOpen = useLink((link) => link.state === "open");
+  const linkOpen = useLink(({ state, lostMs }) => state === "open" && lostMs === null);
   const server = useConsole();
   const gate = useGate();
   const estop = useEstop();

@@ -33,8 +33,8 @@ export function EventLine() {
 /** The link in one word. */
 function LinkState() {
   const text = useText();
-  const { state, roundTripMs } = useLink();
-  const isOpen = state === "open";
+  const { state, lostMs, roundTripMs } = useLink();
+  const isOpen = state === "open" && lostMs === null;
   return (
     <p data-testid="link-state" className={cn("ml-auto flex shrink-0 items-center gap-1.5 text-xs", isOpen ? "text-text-2" : "text-attention")}>
       {isOpen ? <Link2 aria-hidden="true" className="size-4" /> : <Unplug aria-hidden="true" className="size-4" />}
@@ -83,6 +83,7 @@ function DoctorBadge() {
   const text = useText();
   const doctor = useConsole((state) => state.doctor);
   const alarms = useConsole((state) => state.run.alarms?.length ?? 0);
+  const online = useConsole((state) => state.online);
   const findings = doctor.diagnosis?.findings.length ?? null;
   const label =
     doctor.busy !== ""
@@ -94,8 +95,8 @@ function DoctorBadge() {
           : text("doctor_findings", { count: findings });
   const Icon = alarms > 0 ? TriangleAlert : findings ? ShieldAlert : ShieldCheck;
   return (
-    <Button kind="quiet" size="small" className="ml-auto max-xl:h-9" onClick={() => showOverlay(alarms > 0 ? "runs" : "doctor")}>
-      <Icon className={alarms > 0 || findings ? "text-attention" : "text-text-3"} />
+    <Button kind="quiet" size="small" className={cn("ml-auto max-xl:h-9", !online && "text-text-3")} onClick={() => showOverlay(alarms > 0 ? "runs" : "doctor")}>
+      <Icon className={online && (alarms > 0 || findings) ? "text-attention" : "text-text-3"} />
       {alarms > 0 ? text("alarms", { count: alarms }) : `${text("doctor")}: ${label}`}
     </Button>
   );
