@@ -9,6 +9,7 @@ import { SERVICES, TOPICS } from "@/generated/graph";
 import type { MessageTypes, ServiceTypes } from "@/generated/messages";
 import { CommandRefused, refuseCommand } from "@/rewind/guard";
 import { isRewound } from "@/rewind/state";
+import { lostSince } from "@/ros/link_loss";
 import { LinkLost, type LinkState, Rosbridge, type Socket } from "@/ros/rosbridge";
 import { TopicStore } from "@/ros/topics";
 import { followTabs, isWatching, useTabRole } from "@/safety/commanding_tab";
@@ -34,6 +35,8 @@ interface LinkStore {
   changedMs: number;
   /** Whether the link was ever open. */
   wasOpen: boolean;
+  /** When the open link was lost (performance.now()); null again once it is open and something was received. */
+  lostMs: number | null;
   /** The last round trip to the server; null before the first. */
   roundTripMs: number | null;
   /** The robot's clock minus performance.now(), s; null before it was asked. */
@@ -46,6 +49,7 @@ export const useLink = create<LinkStore>(() => ({
   state: "connecting",
   changedMs: performance.now(),
   wasOpen: false,
+  lostMs: null,
   roundTripMs: null,
   clockOffsetS: null,
   refusal: null,
@@ -229,12 +233,13 @@ async function ping(): Promise<void> {
     const { time } = await call(SERVICES.GET_TIME, {}, PING_MS);
     const roundTripMs = performance.now() - start;
     const clockOffsetS = time.sec + time.nanosec / 1e9 - (start + roundTripMs / 2) / 1000;
-    useLink.setState({ roundTripMs, clockOffsetS });
+    useLink.setState({ roundTripMs, clockOffsetS, lostMs: null });
     silentPings = 0;
   } catch (error) {
     useLink.setState({ roundTripMs: null });
     if (error instanceof LinkLost) return;
     silentPings = link.received === received ? silentPings + 1 : 0;
+    if (silentPings === 0) useLink.setState({ lostMs: null });
     if (silentPings < SILENT_PINGS) return;
     silentPings = 0;
     link.drop();
@@ -249,6 +254,7 @@ export async function startRobot(): Promise<void> {
       state,
       changedMs: before.state === state ? before.changedMs : performance.now(),
       wasOpen: before.wasOpen || state === "open",
+      lostMs: lostSince(before, state, performance.now()),
       roundTripMs: state === "open" ? before.roundTripMs : null,
     }));
     gate.setConnected(state === "open", useConsole.getState().online);

@@ -134,7 +134,7 @@ export interface ConsoleState {
   pageVersion: string;
   /** Whether the server has another version by now. */
   isOutdated: boolean;
-  /** Whether the event channel is open. */
+  /** Whether the event channel is open, and something was received on it. */
   online: boolean;
   /** When `online` last changed (performance.now()). */
   onlineChangedMs: number;
@@ -165,6 +165,11 @@ export function showStops(stop: StopHold[]): void {
     stop,
     stopShownMs: Object.fromEntries(stop.flatMap(({ press }) => (press === null ? [] : [[press, stopShownMs[press] ?? nowMs]]))),
   }));
+}
+
+/** Note whether the event channel works. An attempt that fails does not restart the age of the loss. */
+export function setOnline(online: boolean): void {
+  useConsole.setState((before) => (before.online === online ? before : { online, onlineChangedMs: performance.now() }));
 }
 
 /** Everybody who is connected but this browser. */

@@ -1,7 +1,7 @@
 /** The channel on which the console's server pushes every change, and the heartbeat that keeps control. */
 import { every } from "@/safety/timers";
 import { ask } from "./http";
-import { type ConsoleState, type Control, type Session, showStops, useConsole } from "./console_store";
+import { type ConsoleState, type Control, type Session, setOnline, showStops, useConsole } from "./console_store";
 
 const SIGN_OF_LIFE_MS = 1000;
 const RETRY_MS = 1500;
@@ -19,7 +19,7 @@ export async function followServer(socketUrl: string): Promise<void> {
     void loadShared();
     listen(socketUrl);
   } catch {
-    useConsole.setState({ online: false, onlineChangedMs: performance.now() });
+    setOnline(false);
     setTimeout(() => void followServer(socketUrl), RETRY_MS);
   }
 }
@@ -56,13 +56,16 @@ function listen(socketUrl: string): void {
   const endSigns = every(SIGN_OF_LIFE_MS, () => {
     if (socket.readyState === WebSocket.OPEN) socket.send("{}");
   });
-  socket.onopen = () => useConsole.setState({ online: true, onlineChangedMs: performance.now() });
-  socket.onmessage = (message) => take(String(message.data));
+  socket.onmessage = (message) => {
+    // The server begins with its state.
+    setOnline(true);
+    take(String(message.data));
+  };
   const end = () => {
     if (isOver) return;
     isOver = true;
     endSigns();
-    useConsole.setState({ online: false, onlineChangedMs: performance.now() });
+    setOnline(false);
     setTimeout(() => void followServer(socketUrl), RETRY_MS);
   };
   socket.onclose = end;

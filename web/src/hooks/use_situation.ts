@@ -1,21 +1,34 @@
 /** What the whole page shows of the robot: its e-stop, mission, drive bus and battery. */
-import { useMemo } from "react";
+import { useMemo, useRef } from "react";
 import { hasControl, useConsole } from "@/api/console_store";
 import { TOPICS } from "@/generated/graph";
-import { useText } from "@/i18n/text";
+import type { nav_msgs_Odometry } from "@/generated/messages";
+import { type TextKey, useText } from "@/i18n/text";
 import type { Sample } from "@/ros/topics";
 import { useIsRewound } from "@/rewind/state";
 import { useGate, useLink } from "@/robot";
 import { useTabRole } from "@/safety/commanding_tab";
-import { type DriveFacts, type Reason, driveObstacles, motionObstacles, parseDriveStatus, parseEstopReasons, relocationObstacles } from "@/state/can_drive";
+import { type DriveFacts, type Reason, driveAnswer, driveObstacles, motionObstacles, parseDriveStatus, parseEstopReasons, relocationObstacles } from "@/state/can_drive";
 import { MISSION_STALE_MS } from "@/state/mission_age";
 import { type Sentence, isActive, sentence } from "@/state/sentence";
 import { useSetting } from "@/state/settings";
+import { type Wheels, type WheelsReading, nextReading, wheelsAt } from "@/state/wheels";
 import { useNow, useTimeValue } from "./use_now";
-import { useTopic } from "./use_topic";
+import { useSamples, useTopic, useTopics } from "./use_topic";
 
 /** `/e_stop_state` comes five times a second; older than this it says nothing about now. */
 export const ESTOP_STALE_MS = 1500;
+
+/** Whether the link to the robot was lost, so that every value of the robot is of the past. */
+export function useIsLinkLost(): boolean {
+  return useLink((link) => link.lostMs !== null);
+}
+
+/** Whether what is known of control is of the past. */
+export function useIsControlStale(): boolean {
+  const isOffline = useConsole(({ sessionLoaded, online, onlineChangedMs }) => sessionLoaded && !online && onlineChangedMs > 0);
+  return useIsLinkLost() || isOffline;
+}
 
 /** Whether the robot is stopped as it says itself; null before it said so, or where that is out of date. */
 export function useEstop(): { engaged: boolean | null; reasons: string[]; receivedMs: number | null } {
@@ -54,6 +67,32 @@ export function useDriveStatus() {
   return useIsFresh(status, BUS_STALE_MS) ? parsed : null;
 }
 
+/** Navigation sends a velocity 20 times a second while it has a goal, be it zero, and nothing otherwise. */
+const GOAL_THROTTLE = { throttleMs: 250 };
+const GOAL_STALE_MS = 1000;
+
+/** Whether navigation pursues a goal, also while another input outranks it on the drive bus. */
+function useNavigates(): boolean {
+  const store = useTopics();
+  useSamples(TOPICS.CMD_VEL_NAV, () => {}, GOAL_THROTTLE);
+  const commands = useTimeValue((now) => {
+    const sample = store.last(TOPICS.CMD_VEL_NAV, GOAL_THROTTLE);
+    return sample !== undefined && now - sample.receivedMs <= GOAL_STALE_MS;
+  });
+  const wins = useDriveStatus()?.winner === "auto";
+  return commands || wins;
+}
+
+function useWheels(): Wheels {
+  const name = useSetting("odomTopic");
+  const reading = useRef<WheelsReading | null>(null);
+  const take = ({ message, receivedMs }: Sample<nav_msgs_Odometry>) => {
+    reading.current = nextReading(reading.current, message.twist.twist, receivedMs);
+  };
+  useSamples({ name, type: TOPICS.ODOM.type }, take, { throttleMs: 100 });
+  return useTimeValue((now) => wheelsAt(reading.current, now));
+}
+
 function useIsFresh(sample: Sample<unknown> | undefined, staleMs: number): boolean {
   return useTimeValue((now) => sample !== undefined && now - sample.receivedMs <= staleMs);
 }
@@ -65,16 +104,25 @@ export function useSentence(): Sentence {
   const bus = useDriveStatus();
   const heldAtZero = useHeldAtZero();
   const isMissionSilent = useMissionSilence() !== null;
+  const navigates = useNavigates();
+  const wheels = useWheels();
   return sentence({
     isMissionSilent,
-    linkOpen: link.state === "open",
+    linkOpen: link.state === "open" && link.lostMs === null,
     wasOpen: link.wasOpen,
     stopped: estop.engaged,
     mission,
-    // A page in control whose gate is engaged holds the manual input with zeros: that is no driving.
-    drivenByHand: bus?.winner === "joy" || (bus?.winner === "manual" && !heldAtZero),
+    winner: bus?.winner ?? null,
+    navigates,
+    wheels,
     heldAtZero,
   });
+}
+
+/** Every reason for which the sticks would not move the robot now, and what they do without one. */
+export function useCanDrive(): { reasons: Reason[]; yes: TextKey } {
+  const facts = useDriveFacts();
+  return { reasons: driveObstacles(facts), yes: driveAnswer(facts) };
 }
 
 /** Every reason for which the sticks would not move the robot now. */
@@ -109,11 +157,13 @@ export function useHeldAtZero(): boolean {
 
 function useDriveFacts(): DriveFacts {
   const text = useText();
-  const linkOpen = useLink((link) => link.state === "open");
+  const linkOpen = useLink(({ state, lostMs }) => state === "open" && lostMs === null);
   const server = useConsole();
   const gate = useGate();
   const estop = useEstop();
   const missionDrives = useMissionDrives();
+  const isMissionSilent = useMissionSilence() !== null;
+  const navigates = useNavigates();
   const bus = useDriveStatus();
   const isRewound = useIsRewound();
   const isWatching = useTabRole(({ role }) => role === "watching");
@@ -127,6 +177,8 @@ function useDriveFacts(): DriveFacts {
     gateReason: gate.engaged && gate.reason !== null ? text(`reason_${gate.reason}`) : null,
     estopReasons: estop.engaged === true ? (estop.reasons.length > 0 ? estop.reasons : [text("is_stopped")]) : [],
     missionDrives,
+    isMissionSilent,
+    navigates,
     bus,
   };
 }

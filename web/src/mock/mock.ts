@@ -1,5 +1,5 @@
 /** The mock mode: a robot and the console's server in the page itself, for `?mock=1`. Nothing else loads this chunk. */
-import { useConsole } from "@/api/console_store";
+import { setOnline, useConsole } from "@/api/console_store";
 import { take } from "@/api/events";
 import type { Socket } from "@/ros/rosbridge";
 import { MockApi } from "./api";
@@ -62,7 +62,8 @@ export function startServer(): void {
     recording.record();
   }, STEP_MS);
   isOnline = true;
-  useConsole.setState({ session: authority.own, sessionLoaded: true, online: true, onlineChangedMs: performance.now() });
+  useConsole.setState({ session: authority.own, sessionLoaded: true });
+  setOnline(true);
   pushState();
   push("doctor", doctor.state);
   push("run", runState(world));
@@ -75,6 +76,6 @@ export function startServer(): void {
   setInterval(pushState, RUN_MS);
   whenLost(options, () => {
     isOnline = false;
-    useConsole.setState({ online: false, onlineChangedMs: performance.now() });
+    setOnline(false);
   });
 }

@@ -32,8 +32,8 @@ function start(query: string) {
   return { world, authority, link, run, call };
 }
 
-/** Sampled only when something happens: a tag is read, the arm is commanded. */
-const EVENTS: readonly string[] = [TOPICS.OBSERVATIONS.name, TOPICS.ARM_TRAJECTORY.name];
+/** Sampled only when something happens: a tag is read, the arm is commanded, navigation has a goal. */
+const EVENTS: readonly string[] = [TOPICS.OBSERVATIONS.name, TOPICS.ARM_TRAJECTORY.name, TOPICS.CMD_VEL_NAV.name];
 
 beforeEach(() => vi.useFakeTimers());
 afterEach(() => vi.useRealTimers());
@@ -51,6 +51,27 @@ describe("the mock robot", () => {
       expect(count, name).toBeGreaterThanOrEqual(Math.floor(6 * rateHz * 0.8));
       expect(count, name).toBeLessThanOrEqual(Math.ceil(6 * rateHz * 1.2) + 2);
     }
+  });
+
+  it("drives on to its goal after the sticks were let go of", async () => {
+    const { world, link, run } = start("state=calm");
+    await run(0.2);
+    let commands = 0;
+    link.subscribe(TOPICS.CMD_VEL_NAV.name, TOPICS.CMD_VEL_NAV.type, {}, () => (commands += 1));
+    await run(0.2);
+    expect([world.winner, commands]).toEqual(["zero", 0]);
+    world.sendGoal({ ...world.pose, x: world.pose.x + 0.8 });
+    await run(0.4);
+    expect(world.winner).toBe("auto");
+    world.driveByHand({ x: 0, y: 0, yaw: 0.1 });
+    const before = commands;
+    await run(0.3);
+    expect(world.winner).toBe("manual");
+    expect(commands).toBeGreaterThan(before);
+    await run(0.5);
+    expect(world.winner).toBe("auto");
+    await run(5);
+    expect(world.winner).toBe("zero");
   });
 
   it("throttles as a subscriber asks", async () => {

@@ -47,7 +47,6 @@ const RAYS = 360;
 const SCAN_REACH_M = 8;
 const GRID = occupancy();
 const GROWS_EVERY_S = 5;
-const ASTRAY_AFTER_S = 2;
 
 export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.IMU, 50, imu),
@@ -68,7 +67,7 @@ export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.DRIVE_STATUS, 2, driveStatus, true),
   row(TOPICS.CMD_VEL_SINK_ROBOT, 20, twist),
   row(TOPICS.CMD_VEL_SINK_SIM, 20, twist),
-  row(TOPICS.CMD_VEL_NAV, 20, (world) => (world.winner === "nav" ? twist(world) : null)),
+  row(TOPICS.CMD_VEL_NAV, 20, (world) => (world.navigates ? twist(world) : null)),
   row(TOPICS.MISSION_STATE, 5, missionState, true),
   row(TOPICS.TWIN_STATE, 1, twinState, true),
   row(TOPICS.DISCOVERED_TAGS, 2, discoveredTags, true),
@@ -174,11 +173,7 @@ function armTrajectory({ clockS, arm }: World): MessageTypes["trajectory_msgs/ms
 function transforms(world: World): MessageTypes["tf2_msgs/msg/TFMessage"]["transforms"] {
   const { clockS, pose: at } = world;
   const moved = transform(clockS, "odom", "base_link", compose(ODOM_FROM_MAP, at));
-  return isAstray(world) ? [moved] : [transform(clockS, "map", "odom", MAP_FROM_ODOM), moved];
-}
-
-function isAstray({ options, timeS }: World): boolean {
-  return options.faults.has("astray") && timeS > ASTRAY_AFTER_S;
+  return world.isAstray ? [moved] : [transform(clockS, "map", "odom", MAP_FROM_ODOM), moved];
 }
 
 function battery({ clockS, timeS, batteryFraction }: World): MessageTypes["sensor_msgs/msg/BatteryState"] {
@@ -210,7 +205,7 @@ function driveStatus(world: World): MessageTypes["std_msgs/msg/String"] {
     locks: world.isStopped ? ["e-stop"] : [],
     alarms: [],
     sink: { topic: TOPICS.CMD_VEL_SINK_ROBOT.name, listeners: 1 },
-    inputs: { joy: input("joy"), manual: input("manual"), nav: input("nav"), zero: input("zero") },
+    inputs: { joy: input("joy"), manual: input("manual"), auto: input("auto"), zero: input("zero") },
   });
 }
 
@@ -227,7 +222,7 @@ function missionState(world: World): MessageTypes["lupin_msgs/msg/MissionState"]
   return {
     header: header(clockS, "map"),
     ...mission.state(clockS - mission.runningS),
-    ...(isAstray(world) ? { last_error: "robot_lost", last_event: "robot lost on the map — waiting until it is found", last_event_severity: 1 } : {}),
+    ...(world.isAstray ? { last_error: "robot_lost", last_event: "robot lost on the map — waiting until it is found", last_event_severity: 1 } : {}),
     estop_engaged: world.isStopped,
     battery_percentage: world.batteryFraction,
     battery_low: world.batteryFraction < BATTERY.lowShare,

@@ -17,12 +17,13 @@ const TURN_RPS = 1.4;
 const ARRIVED_M = 0.04;
 const ARRIVED_RAD = 0.05;
 const SKEW_S = 1000;
+const ASTRAY_AFTER_S = 2;
 /** The robot's fixed clock in screenshots, which must be reproducible. */
 const FROZEN_EPOCH_S = 1_795_600_000;
 /** In the middle of the third tag's leg. */
 const MISSION_START_S = 27.4;
 
-export type Winner = "joy" | "manual" | "nav" | "zero" | null;
+export type Winner = "joy" | "manual" | "auto" | "zero" | null;
 
 export interface Goal {
   pose: Pose2;
@@ -67,6 +68,18 @@ export class World {
   /** The robot's clock, s. */
   get clockS(): number {
     return this.epochS + this.timeS;
+  }
+
+  /** Whether the localization has lost the robot, so that a mission waits. */
+  get isAstray(): boolean {
+    return this.options.faults.has("astray") && this.timeS > ASTRAY_AFTER_S;
+  }
+
+  /** Whether navigation has a goal, which the sticks outrank and do not end. */
+  get navigates(): boolean {
+    const { isRunning, paused, loop } = this.mission;
+    const missionDrives = isRunning && !paused && !this.isAstray && (loop.phase === "navigating" || loop.phase === "returning");
+    return !this.isStopped && (this.goal !== null || missionDrives);
   }
 
   get batteryFraction(): number {
@@ -137,12 +150,13 @@ export class World {
     }
     if (this.goal !== null) {
       this.moveToGoal(this.goal, stepS);
-      return "nav";
+      return "auto";
     }
+    if (this.isAstray) return "zero";
     this.mission.advance(stepS);
     if (!this.mission.isRunning || this.mission.paused) return "zero";
     this.follow(figureEight(this.mission.loop.figureS), this.wantedYaw(), stepS, DRIVE.maxLinearMps);
-    return "nav";
+    return this.navigates ? "auto" : "zero";
   }
 
   private moveBy(velocity: Velocity, stepS: number): void {

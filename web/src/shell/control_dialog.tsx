@@ -1,7 +1,8 @@
 import { type ConsoleState, hasControl, useConsole } from "@/api/console_store";
 import { ask } from "@/api/http";
 import { AUTHORITY } from "@/generated/robot";
-import { useText } from "@/i18n/text";
+import { useIsControlStale } from "@/hooks/use_situation";
+import { type TextKey, useText } from "@/i18n/text";
 import { showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
@@ -18,13 +19,21 @@ async function lease(action: Action, from?: string): Promise<void> {
   }
 }
 
+/** Who has control; who had it last where that is of the past. */
+export function controlText({ isStale, mine, holder }: { isStale: boolean; mine: boolean; holder: string | null }): TextKey {
+  if (mine) return isStale ? "you_had_control" : "you_have_control";
+  if (holder !== null) return isStale ? "other_had_control" : "other_has_control";
+  return isStale ? "nobody_had_control" : "nobody_has_control";
+}
+
 /** Who has control, and how to get it. Opens by itself when somebody asks this browser for it. */
 export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenChange: (open: boolean) => void }) {
   const text = useText();
   const state = useConsole();
   const { holder, requester } = state.control;
   const mine = hasControl(state);
-  const asked = mine && requester !== null;
+  const isStale = useIsControlStale();
+  const asked = mine && requester !== null && !isStale;
 
   return (
     <Dialog
@@ -45,9 +54,7 @@ export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenCha
         </div>
       ) : (
         <div className="flex flex-col gap-4">
-          <p className="text-base">
-            {mine ? text("you_have_control") : holder === null ? text("nobody_has_control") : text("other_has_control", { holder })}
-          </p>
+          <p className={cn("text-base", isStale && "text-text-3")}>{text(controlText({ isStale, mine, holder }), { holder: holder ?? "" })}</p>
           {state.session?.role === "viewer" ? (
             <p className="text-text-2">{text("viewer_explained")}</p>
           ) : (
@@ -74,7 +81,7 @@ export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenCha
               )}
             </div>
           )}
-          <BrowserList {...state} />
+          {!isStale && <BrowserList {...state} />}
         </div>
       )}
     </Dialog>

@@ -1,7 +1,7 @@
 import { CircleCheck, Link2, Lock, ShieldAlert, ShieldCheck, TriangleAlert, Unplug } from "lucide-react";
 import { useState } from "react";
 import { useConsole } from "@/api/console_store";
-import { useDriveObstacles, useMissionDrives } from "@/hooks/use_situation";
+import { useCanDrive } from "@/hooks/use_situation";
 import { useIsPhone } from "@/hooks/use_is_phone";
 import { useText } from "@/i18n/text";
 import { useLink } from "@/robot";
@@ -33,8 +33,8 @@ export function EventLine() {
 /** The link in one word. */
 function LinkState() {
   const text = useText();
-  const { state, roundTripMs } = useLink();
-  const isOpen = state === "open";
+  const { state, lostMs, roundTripMs } = useLink();
+  const isOpen = state === "open" && lostMs === null;
   return (
     <p data-testid="link-state" className={cn("ml-auto flex shrink-0 items-center gap-1.5 text-xs", isOpen ? "text-text-2" : "text-attention")}>
       {isOpen ? <Link2 aria-hidden="true" className="size-4" /> : <Unplug aria-hidden="true" className="size-4" />}
@@ -46,8 +46,7 @@ function LinkState() {
 
 export function CanDrive() {
   const text = useText();
-  const reasons = useDriveObstacles();
-  const yes = text(useMissionDrives() ? "can_drive_over_mission" : "can_drive_yes");
+  const { reasons, yes } = useCanDrive();
   const [isOpen, setOpen] = useState(false);
   const first = reasons[0];
   return (
@@ -61,13 +60,13 @@ export function CanDrive() {
         <span className="truncate max-lg:line-clamp-2 max-lg:leading-tight max-lg:whitespace-normal">
           <span className="text-text-3 max-md:sr-only">{text("can_i_drive")} </span>
           <strong className="font-semibold">
-            {first === undefined ? yes : text("can_drive_no", { reason: text(first.key, first.values) })}
+            {first === undefined ? text(yes) : text("can_drive_no", { reason: text(first.key, first.values) })}
           </strong>
         </span>
       </button>
       <Dialog open={isOpen} onOpenChange={setOpen} title={text("can_i_drive")}>
         {reasons.length === 0 ? (
-          <p>{yes}</p>
+          <p>{text(yes)}</p>
         ) : (
           <ul className="flex list-disc flex-col gap-2 pl-5 text-base">
             {reasons.map((reason) => (
@@ -84,6 +83,7 @@ function DoctorBadge() {
   const text = useText();
   const doctor = useConsole((state) => state.doctor);
   const alarms = useConsole((state) => state.run.alarms?.length ?? 0);
+  const online = useConsole((state) => state.online);
   const findings = doctor.diagnosis?.findings.length ?? null;
   const label =
     doctor.busy !== ""
@@ -95,8 +95,8 @@ function DoctorBadge() {
           : text("doctor_findings", { count: findings });
   const Icon = alarms > 0 ? TriangleAlert : findings ? ShieldAlert : ShieldCheck;
   return (
-    <Button kind="quiet" size="small" className="ml-auto max-xl:h-9" onClick={() => showOverlay(alarms > 0 ? "runs" : "doctor")}>
-      <Icon className={alarms > 0 || findings ? "text-attention" : "text-text-3"} />
+    <Button kind="quiet" size="small" className={cn("ml-auto max-xl:h-9", !online && "text-text-3")} onClick={() => showOverlay(alarms > 0 ? "runs" : "doctor")}>
+      <Icon className={online && (alarms > 0 || findings) ? "text-attention" : "text-text-3"} />
       {alarms > 0 ? text("alarms", { count: alarms }) : `${text("doctor")}: ${label}`}
     </Button>
   );

@@ -8,13 +8,14 @@ import { span } from "@/ui/numbers";
 /** Says that nothing arrives any more; grey, since a lost link is not a fault of the robot. */
 export function LinkBanner() {
   const text = useText();
-  const link = useLink();
+  const lostMs = useLink((link) => link.lostMs);
+  const wasOpen = useLink((link) => link.wasOpen);
   const online = useConsole((state) => state.online);
   const onlineChangedMs = useConsole((state) => state.onlineChangedMs);
-  const linkAge = useAge(link.changedMs);
+  const linkAge = useAge(lostMs);
   const serverAge = useAge(onlineChangedMs);
-  if (link.state !== "open" && link.wasOpen) return <Banner message={text("link_lost_banner")} age={linkAge} />;
-  if (!online && link.wasOpen && (serverAge ?? 0) > 3) return <Banner message={text("server_lost_banner")} age={serverAge} />;
+  if (linkAge !== null) return <Banner message={text("link_lost_banner")} age={linkAge} />;
+  if (!online && wasOpen && (serverAge ?? 0) > 3) return <Banner message={text("server_lost_banner")} age={serverAge} />;
   return null;
 }
 
@@ -24,7 +25,7 @@ function Banner({ message, age }: { message: string; age: number | null }) {
     <div className="flex min-h-12 shrink-0 items-center gap-3 border-b border-line-strong bg-raised px-4 py-2 text-text-2 hatched">
       <Unplug aria-hidden="true" className="size-5 shrink-0" />
       <p role="alert">{message}</p>
-      <span aria-hidden="true" className="ml-auto shrink-0 font-semibold numeric">
+      <span aria-hidden="true" data-testid="loss-age" className="ml-auto shrink-0 font-semibold numeric">
         {span(age)}
       </span>
     </div>

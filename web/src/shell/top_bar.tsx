@@ -2,7 +2,7 @@ import { BatteryFull, BatteryMedium, BatteryWarning, Copy, Eye, Search, Settings
 import { useState } from "react";
 import { hasControl, otherBrowsers, useConsole } from "@/api/console_store";
 import { useAge, useNow } from "@/hooks/use_now";
-import { BATTERY_STALE_MS, useBattery, useMission, useMissionSilence, useSentence } from "@/hooks/use_situation";
+import { BATTERY_STALE_MS, useBattery, useIsControlStale, useIsLinkLost, useMission, useMissionSilence, useSentence } from "@/hooks/use_situation";
 import { type Text, type TextKey, useLanguage, useText } from "@/i18n/text";
 import { useLink } from "@/robot";
 import { useTabRole } from "@/safety/commanding_tab";
@@ -11,7 +11,7 @@ import { progress } from "@/state/sentence";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { UNKNOWN, clock, fixed, span } from "@/ui/numbers";
-import { ControlDialog } from "./control_dialog";
+import { ControlDialog, controlText } from "./control_dialog";
 import { showOverlay } from "./overlays";
 
 const PHASES: Record<string, TextKey> = {
@@ -65,7 +65,8 @@ function Logo() {
 function MissionStrip() {
   const text = useText();
   const { key, values, tone } = useSentence();
-  const mission = useMission();
+  const lastMission = useMission();
+  const mission = useIsLinkLost() ? null : lastMission;
   const count = progress(mission);
   const silentSinceMs = useMissionSilence();
   const state = mission?.lifecycle_state ?? "";
@@ -138,8 +139,9 @@ function ControlPill() {
   const [isOpen, setOpen] = useState(false);
   const isWatching = useTabRole(({ role }) => role === "watching");
   const mine = hasControl(state) && !isWatching;
+  const isStale = useIsControlStale();
   const holder = state.control.holder;
-  const { icon: Icon, label, short } = controlLabel(text, { isWatching: isWatching && hasControl(state), mine, holder, isViewer: state.session?.role === "viewer" });
+  const { icon: Icon, label, short } = controlLabel(text, { isStale, isWatching: isWatching && hasControl(state), mine, holder, isViewer: state.session?.role === "viewer" });
   const others = otherBrowsers(state);
   const since = state.control.since_s === null ? null : new Date(state.control.since_s * 1000).toLocaleTimeString();
   return (
@@ -147,12 +149,14 @@ function ControlPill() {
       <button
         type="button"
         onClick={() => setOpen(true)}
+        data-testid="control"
         className={cn(
           "flex min-h-11 items-center gap-2.5 rounded-full border px-4 py-1 text-left max-md:gap-1.5 max-md:px-3",
-          mine ? "border-alive-2 bg-alive-wash" : "border-line-strong bg-raised",
+          mine && !isStale ? "border-alive-2 bg-alive-wash" : "border-line-strong bg-raised",
+          isStale && "text-text-3 hatched",
         )}
       >
-        <Icon aria-hidden="true" className={cn("size-4 shrink-0", mine ? "text-alive" : holder !== null ? "text-attention" : "text-text-3")} />
+        <Icon aria-hidden="true" className={cn("size-4 shrink-0", isStale ? "text-text-3" : mine ? "text-alive" : holder !== null ? "text-attention" : "text-text-3")} />
         <span aria-hidden="true" className="max-w-16 truncate text-xs font-semibold md:hidden" data-testid="control-short">
           {short}
         </span>
@@ -176,6 +180,8 @@ function ControlPill() {
 }
 
 interface ControlFacts {
+  /** Who has control was last known before the link was lost. */
+  isStale: boolean;
   /** Another tab of this browser has control. */
   isWatching: boolean;
   mine: boolean;
@@ -184,12 +190,13 @@ interface ControlFacts {
 }
 
 /** Who has control, as an icon, in full, and in one word for a phone. */
-function controlLabel(text: Text, { isWatching, mine, holder, isViewer }: ControlFacts) {
+function controlLabel(text: Text, { isStale, isWatching, mine, holder, isViewer }: ControlFacts) {
+  const label = text(controlText({ isStale, mine, holder }), { holder: holder ?? "" });
   if (isWatching) return { icon: Copy, label: text("other_tab_has_control"), short: text("control_short_tab") };
-  if (mine) return { icon: UserCheck, label: text("you_have_control"), short: text("control_short_you") };
-  if (holder !== null) return { icon: UserLock, label: text("other_has_control", { holder }), short: holder };
+  if (mine) return { icon: UserCheck, label, short: text("control_short_you") };
+  if (holder !== null) return { icon: UserLock, label, short: holder };
   if (isViewer) return { icon: Eye, label: text("you_are_viewer"), short: text("control_short_viewer") };
-  return { icon: UserRound, label: text("nobody_has_control"), short: text("control_short_nobody") };
+  return { icon: UserRound, label, short: text("control_short_nobody") };
 }
 
 function Reading({ value, unit, label, tone }: { value: string; unit: string; label: string; tone?: "attention" | "lost" }) {
@@ -205,8 +212,8 @@ function Reading({ value, unit, label, tone }: { value: string; unit: string; la
 
 function LinkReading() {
   const text = useText();
-  const { state, roundTripMs } = useLink();
-  const known = state === "open" && roundTripMs !== null;
+  const { lostMs, roundTripMs } = useLink();
+  const known = lostMs === null && roundTripMs !== null;
   return <Reading value={known ? fixed(roundTripMs, 0) : UNKNOWN} unit={known ? "ms" : ""} label={text("link")} tone={known ? undefined! : "lost"} />;
 }
 
@@ -222,7 +229,8 @@ function BatteryReading() {
   const sample = useBattery();
   const share = chargeShare(sample?.message.percentage);
   const age = useAge(sample?.receivedMs);
-  const isStale = age !== null && age * 1000 > BATTERY_STALE_MS;
+  const isLost = useIsLinkLost();
+  const isStale = age !== null && (isLost || age * 1000 > BATTERY_STALE_MS);
   // What is out of date says nothing of now, neither good nor bad.
   const charge = isStale ? "unknown" : chargeOf(share);
   const { icon: Icon, tone } = CHARGES[charge];
@@ -247,12 +255,12 @@ function RobotTime() {
   const text = useText();
   const language = useLanguage((state) => state.language);
   const mission = useMission();
-  const isOpen = useLink((link) => link.state === "open");
+  const isLost = useIsLinkLost();
   const offsetS = useLink((link) => link.clockOffsetS);
   const now = useNow();
-  const pinged = !isOpen || offsetS === null ? null : Math.floor(now / 1000 + offsetS);
+  const pinged = isLost || offsetS === null ? null : Math.floor(now / 1000 + offsetS);
   const seconds = mission?.header.stamp.sec ?? pinged;
   const value =
     seconds === null ? UNKNOWN : seconds > 1e9 ? new Date(seconds * 1000).toLocaleTimeString(language) : clock(seconds);
-  return <Reading value={value} unit="" label={text("robot_time")} />;
+  return <Reading value={value} unit="" label={text("robot_time")} {...(isLost ? { tone: "lost" as const } : {})} />;
 }

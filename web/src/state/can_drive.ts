@@ -23,6 +23,10 @@ export interface DriveFacts {
   /** Reasons of the robot's own e-stop; empty while it is released. */
   estopReasons: string[];
   missionDrives: boolean;
+  /** The mission's state is out of date, so that it may be driving. */
+  isMissionSilent: boolean;
+  /** Navigation pursues a goal. */
+  navigates: boolean;
   /** The drive bus's last status; null where none was received. */
   bus: DriveStatus | null;
 }
@@ -35,6 +39,16 @@ export interface Reason {
 /** Why the sticks would not move the robot. A mission does not keep them from it: they have the higher priority. */
 export function driveObstacles(facts: DriveFacts): Reason[] {
   return motionObstacles(facts).filter(({ key }) => key !== "why_mission");
+}
+
+/**
+ * What the sticks do where nothing keeps them from it. The drive bus obeys the fresh input of the highest priority: joy, then
+ * manual, then auto. The manual input ends no goal and no mission: 0.5 s after its last message they drive on.
+ */
+export function driveAnswer({ bus, missionDrives, isMissionSilent, navigates }: DriveFacts): TextKey {
+  if (bus?.winner === "joy") return "can_drive_under_joy";
+  if (missionDrives || isMissionSilent) return "can_drive_over_mission";
+  return navigates || bus?.winner === "auto" ? "can_drive_over_goal" : "can_drive_yes";
 }
 
 /** Why a goal, or a command to the arm, would not move the robot, or should not. */

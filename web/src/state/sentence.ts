@@ -1,6 +1,7 @@
 /** The one sentence that says what the robot does, and the mission's progress beside it. */
 import type { lupin_msgs_MissionState } from "@/generated/messages";
 import type { TextKey, TextValues } from "@/i18n/text";
+import type { Wheels } from "./wheels";
 
 export interface Situation {
   linkOpen: boolean;
@@ -10,7 +11,11 @@ export interface Situation {
   mission: lupin_msgs_MissionState | null;
   /** The mission's state has not come for a while; then `mission` is null. */
   isMissionSilent: boolean;
-  drivenByHand: boolean;
+  /** The input that wins the drive bus. */
+  winner: string | null;
+  /** Navigation pursues a goal, whether or not it wins the drive bus. */
+  navigates: boolean;
+  wheels: Wheels;
   /** This page sends zero velocity, which has a higher priority than the mission. */
   heldAtZero: boolean;
 }
@@ -32,18 +37,18 @@ export function isRobotLost(mission: lupin_msgs_MissionState | null): boolean {
   return mission !== null && isActive(mission) && mission.last_error === "robot_lost";
 }
 
+/** What the robot does: no sentence claims rest that was not measured, or hides that the wheels turn. */
 export function sentence(situation: Situation): Sentence {
-  const { linkOpen, wasOpen, stopped, mission, isMissionSilent, drivenByHand, heldAtZero } = situation;
+  const { linkOpen, wasOpen, stopped, mission, isMissionSilent, navigates, wheels, heldAtZero } = situation;
   if (!linkOpen) return wasOpen ? { key: "link_lost", tone: "lost" } : { key: "connecting", tone: "calm" };
-  if (stopped === true) return { key: "stopped", tone: "stop" };
-  if (mission !== null && isActive(mission)) {
-    if (mission.paused) return { key: "mission_paused", tone: "attention" };
-    if (isRobotLost(mission)) return { key: "mission_robot_lost", tone: "attention" };
-    if (heldAtZero) return { key: "mission_held_at_zero", tone: "attention" };
-    if (drivenByHand) return { key: "mission_waits", tone: "attention" };
-    return { ...duringMission(mission), tone: "active" };
-  }
-  if (drivenByHand) return { key: "driving_by_hand", tone: "active" };
+  const isTurning = wheels === "turning";
+  if (stopped === true) return { key: isTurning ? "stopped_moving" : "stopped", tone: "stop" };
+  if (mission !== null && isActive(mission)) return whileActive(mission, situation);
+  // Other pages, too, may hold the manual input at zero.
+  if (isByHand(situation) && wheels !== "standing") return { key: "driving_by_hand", tone: "active" };
+  if (navigates && !heldAtZero && wheels !== "standing") return { key: "driving_to_goal", tone: "active" };
+  if (isTurning) return { key: "robot_moving", tone: "attention" };
+  if (navigates) return { key: "goal_waits", tone: "active" };
   if (isMissionSilent) return { key: "mission_is_silent", tone: "lost" };
   switch (mission?.lifecycle_state) {
     case "BOOT":
@@ -55,8 +60,27 @@ export function sentence(situation: Situation): Sentence {
     case "FAULT":
       return { key: "mission_fault", tone: "attention" };
     default:
-      return { key: "at_rest", tone: "calm" };
+      return { key: wheels === "standing" ? "at_rest" : "ready", tone: "calm" };
   }
+}
+
+/** Whether a person drives. A page in control whose gate is engaged holds the manual input with zeros: that is no driving. */
+function isByHand({ winner, heldAtZero }: Situation): boolean {
+  return winner === "joy" || (winner === "manual" && !heldAtZero);
+}
+
+function whileActive(mission: lupin_msgs_MissionState, situation: Situation): Sentence {
+  const isTurning = situation.wheels === "turning";
+  const byHand = isByHand(situation);
+  if (mission.paused) {
+    if (!isTurning) return { key: "mission_paused", tone: "attention" };
+    return { key: byHand ? "mission_paused_by_hand" : "mission_paused_moving", tone: "attention" };
+  }
+  if (byHand && isTurning) return { key: "mission_waits", tone: "attention" };
+  const waits = isRobotLost(mission) ? "mission_robot_lost" : situation.heldAtZero ? "mission_held_at_zero" : null;
+  if (waits !== null) return { key: isTurning ? "robot_moving" : waits, tone: "attention" };
+  if (byHand) return { key: situation.wheels === "standing" ? "mission_held_by_hand" : "mission_waits", tone: "attention" };
+  return { ...duringMission(mission), tone: "active" };
 }
 
 function duringMission(mission: lupin_msgs_MissionState): { key: TextKey; values?: TextValues } {

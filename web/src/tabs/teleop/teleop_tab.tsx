@@ -10,12 +10,14 @@ import { driver, useDrive } from "@/robot";
 import type { DriveSource, Velocity } from "@/safety/drive";
 import { showProblem } from "@/state/problems";
 import { changeSettings, useSetting } from "@/state/settings";
+import { ODOMETRY_STALE_MS } from "@/state/wheels";
 import { cn } from "@/ui/cn";
 import { fixed, signed, span } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { Slider } from "@/ui/slider";
 import { CameraView } from "@/widgets/camera_view";
 import { useFrontCamera } from "@/widgets/camera/cameras";
+import { useFreshness } from "@/widgets/freshness";
 import { Joystick } from "@/widgets/joystick";
 import { LidarView } from "@/widgets/lidar_view";
 import { useDriveKeys, useGamepad } from "./drive_keys";
@@ -91,7 +93,9 @@ export default function TeleopTab() {
 function SpeedPanel() {
   const text = useText();
   const asked = useDrive((state) => state.commanded);
-  const odometry = useTopic({ name: useSetting("odomTopic"), type: TOPICS.ODOM.type }, { throttleMs: 50 });
+  const name = useSetting("odomTopic");
+  const odometry = useTopic({ name, type: TOPICS.ODOM.type }, { throttleMs: 50 });
+  const { isStale, panel } = useFreshness(name, odometry?.receivedMs, ODOMETRY_STALE_MS / 1000);
   const measured = odometry?.message.twist.twist;
   const rows = [
     { label: text("forward"), asked: asked.x, measured: measured?.linear.x, unit: "m/s" },
@@ -99,7 +103,7 @@ function SpeedPanel() {
     { label: text("turn"), asked: asked.yaw, measured: measured?.angular.z, unit: "rad/s" },
   ];
   return (
-    <Panel title={text("speed")} aside={text("asked_measured")}>
+    <Panel title={text("speed")} aside={text("asked_measured")} {...panel}>
       <dl>
         {rows.map((row) => (
           <div key={row.label} className="flex items-baseline gap-2 border-line py-1.5 not-last:border-b">
@@ -107,7 +111,7 @@ function SpeedPanel() {
             <dd className="text-lg font-semibold whitespace-nowrap numeric">
               <span className="text-alive">{signed(row.asked, 2)}</span>
               <span className="text-text-3"> / </span>
-              <span className="text-sensed">{signed(row.measured, 2)}</span>
+              <span className={isStale ? "text-text-3" : "text-sensed"}>{signed(row.measured, 2)}</span>
               <span className="ml-1.5 inline-block w-10 text-xs text-text-3">{row.unit}</span>
             </dd>
           </div>

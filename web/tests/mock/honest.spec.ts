@@ -1,0 +1,38 @@
+import { expect, test } from "@playwright/test";
+import { hold, openMock } from "../support/page";
+
+test("a goal that navigation drives to is not called standing still", async ({ page }) => {
+  await openMock(page, "map", "state=calm&control=you");
+  const sentence = page.getByTestId("sentence");
+  const canDrive = page.getByRole("button", { name: "Can I drive?" });
+  await hold(page, "release");
+  await expect(sentence).toHaveText("Ready for a mission");
+  await expect(canDrive).toContainText("the robot stands within 0.5 s");
+  const surface = page.locator("[aria-describedby=map-keys]");
+  await surface.focus();
+  await page.keyboard.press("g");
+  for (let step = 0; step < 8; step += 1) await page.keyboard.press("ArrowRight");
+  await expect(page.getByTestId("send-pose")).toBeEnabled();
+  await page.keyboard.press("Enter");
+  await expect(sentence).toHaveText("Driving to a goal");
+  await expect(canDrive).toContainText("let go and it drives on to its goal");
+  await expect(sentence).toHaveText("Ready for a mission", { timeout: 20_000 });
+  await expect(canDrive).toContainText("the robot stands within 0.5 s");
+});
+
+test("a lost link is dim everywhere, and its age only grows", async ({ page }) => {
+  await openMock(page, "teleop", "state=lost&control=you");
+  const age = page.getByTestId("loss-age");
+  await expect(page.getByText("Link lost")).toBeVisible({ timeout: 10_000 });
+  await expect(page.getByText("You had control").first()).toBeVisible();
+  await expect(page.getByText("You have control")).toHaveCount(0);
+  await expect(page.getByTestId("control")).not.toHaveClass(/bg-alive-wash/);
+  await expect(page.getByTestId("battery-age")).toContainText("ago");
+  const ages: number[] = [];
+  for (let sample = 0; sample < 12; sample += 1) {
+    ages.push(parseFloat(await age.innerText()));
+    await page.waitForTimeout(500);
+  }
+  expect(ages).toEqual([...ages].sort((a, b) => a - b));
+  expect(ages.at(-1)).toBeGreaterThan(4);
+});
