@@ -17,8 +17,6 @@ export default defineConfig({
     baseURL: live ?? "http://127.0.0.1:5299/page/",
     viewport: { width: 1440, height: 900 },
     locale: "en-US",
-    // The simulator needs the cores that the living background would take.
-    contextOptions: live === undefined ? {} : { reducedMotion: "reduce" },
     launchOptions: {
       executablePath: CHROMIUM,
       args: ["--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-background-networking", "--disable-component-update", "--disable-sync"],

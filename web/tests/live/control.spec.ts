@@ -1,5 +1,5 @@
 import { expect, test } from "@playwright/test";
-import { drive, openLive, sessionName, takeControl, untilAtRest } from "../support/live";
+import { drive, openLive, sessionName, staysAtRest, takeControl, untilAtRest } from "../support/live";
 import { hold, holdButton } from "../support/page";
 
 test("of two browsers one drives, both stop, and control is handed over or taken over", async ({ browser }) => {
@@ -21,20 +21,35 @@ test("of two browsers one drives, both stop, and control is handed over or taken
   expect(refused).toBe(403);
   await untilAtRest();
 
-  // The other stops. Its stop stays until it lets go of it and the one in control releases it.
+  // The other stops. Whoever has control sees who it was, and releases it; the next press stops again.
   await drive(ada, "KeyQ");
   await bob.getByTestId("stop").click();
   await untilAtRest();
   await ada.keyboard.up("KeyQ");
-  await expect(ada.getByText(`${bobName} holds the stop`, { exact: false }).first()).toBeVisible();
+  const banner = (page: typeof ada) => page.getByRole("status").filter({ hasText: "This browser is" });
+  await expect(banner(ada)).toContainText(`Stopped by ${bobName}`);
+  await expect(banner(ada)).toContainText(`This browser is ${adaName}.`);
+  await expect(banner(bob)).toContainText("Stopped by you");
+  await expect(banner(bob)).toContainText(`${adaName} has control and can release it.`);
   await expect(bob.getByTestId("release")).toBeDisabled();
   await hold(ada, "release");
-  await expect(ada.getByTestId("stop")).toContainText("Stopped");
-  await holdButton(bob, bob.getByRole("button", { name: "Hold to let go of your stop" }));
-  await expect(ada.getByText(`${bobName} stopped the robot`, { exact: false }).first()).toBeVisible();
-  await hold(ada, "release");
   await expect(ada.getByTestId("stop")).not.toContainText("Stopped");
+  await expect(bob.getByText(`${adaName} has released your stop.`)).toBeVisible();
+  await staysAtRest(ada);
   await expect(bob.getByTestId("stop")).not.toContainText("Stopped");
+  await bob.getByTestId("stop").click();
+  await expect(ada.getByTestId("stop")).toContainText("Stopped");
+
+  // Both stop: each lets go of its own, and the robot is free once nobody holds it.
+  await ada.getByTestId("stop").click();
+  await expect(banner(ada)).toContainText(`Stopped by you`);
+  await expect(banner(ada)).toContainText(`by ${bobName}`);
+  await holdButton(bob, bob.getByRole("button", { name: "Hold to let go of your stop" }));
+  await expect(banner(ada)).not.toContainText(`by ${bobName}`);
+  await expect(bob.getByTestId("stop")).toContainText("Stopped");
+  await hold(ada, "release");
+  for (const page of [ada, bob]) await expect(page.getByTestId("stop")).not.toContainText("Stopped");
+  await staysAtRest(ada);
 
   // Control is asked for and handed over, and then taken over.
   await bob.locator("header").getByRole("button", { name: `${adaName} has control` }).click();

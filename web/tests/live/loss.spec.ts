@@ -18,6 +18,34 @@ for (const signal of ["SIGKILL", "SIGSTOP"] as const) {
   });
 }
 
+test("a page knows its own stop after the server came back, and after it was reloaded", async ({ page }) => {
+  const errors = await openLive(page, "map");
+  await takeControl(page);
+  await page.getByTestId("stop").click();
+  const banner = page.getByRole("status").filter({ hasText: "This browser is" });
+  await expect(banner).toContainText("Stopped by you");
+  const pid = consolePid();
+  process.kill(pid, "SIGKILL");
+  const age = page.getByTestId("loss-age");
+  await expect(age).toBeVisible({ timeout: 60_000 });
+  // However often it tries to connect, the age of the loss only grows; what was known before is dim.
+  const ages: number[] = [];
+  while ((await age.count()) > 0) {
+    ages.push(parseFloat(await age.innerText({ timeout: 1000 }).catch(() => String(ages.at(-1)))));
+    await page.waitForTimeout(200);
+  }
+  expect(ages).toEqual([...ages].sort((a, b) => a - b));
+  await untilReplaced(pid);
+  await untilLive(page);
+  await expect(banner).toContainText("Stopped by you");
+  await expect(banner).not.toContainText("browser of the console");
+  await page.reload();
+  await untilLive(page);
+  await expect(banner).toContainText("by this browser");
+  await takeControl(page);
+  expect(errors).toEqual([]);
+});
+
 test("a network that is cut while driving leaves the wheels at rest, and a stop that waits for a release", async ({ browser, context }) => {
   const network = await Network.open();
   const [driver, watcher] = [await context.newPage(), await (await browser.newContext()).newPage()];

@@ -19,7 +19,7 @@ test("the space bar stops, and a release moves nothing without a new command", a
   await expect(page.getByText("+0.30 /", { exact: false }).first()).toBeVisible();
   await page.keyboard.press("Space");
   await expect(page.getByTestId("stop")).toContainText("Stopped");
-  await expect(page.getByRole("status").filter({ hasText: "Stopped: by you" })).toBeVisible();
+  await expect(page.getByRole("status").filter({ hasText: "Stopped by you" })).toBeVisible();
   await expect(page.getByTestId("stop-age")).toContainText("ago");
   await hold(page, "release");
   await expect(page.getByTestId("stop")).not.toContainText("Stopped");
@@ -52,7 +52,7 @@ test("a watching page stops nothing by losing the focus", async ({ page }) => {
   await expect(page.getByTestId("stop")).not.toContainText("Stopped");
 });
 
-test("a viewer can stop and cannot release", async ({ page }) => {
+test("a viewer can stop, and lets go of its own stop only", async ({ page }) => {
   await openMock(page, "teleop", "state=mission&role=viewer");
   await page.getByTestId("stop").click();
   await expect(page.getByTestId("stop")).toContainText("Stopped");
@@ -60,7 +60,13 @@ test("a viewer can stop and cannot release", async ({ page }) => {
   const letGo = page.getByRole("button", { name: "Hold to let go of your stop" });
   await holdButton(page, letGo);
   await expect(letGo).toHaveCount(0);
+  await expect(page.getByTestId("stop")).not.toContainText("Stopped");
+  await openMock(page, "teleop", "state=stopped&role=viewer");
+  await page.reload();
+  await page.getByTestId("stop").click();
+  await holdButton(page, letGo);
   await expect(page.getByTestId("stop")).toContainText("Stopped");
+  await expect(page.getByRole("status").filter({ hasText: "Stopped by phone-2" })).toBeVisible();
 });
 
 test("the top bar and the dialog of control show who is connected, and what each may do", async ({ page }) => {
