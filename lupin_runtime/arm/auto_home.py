@@ -27,11 +27,11 @@ from lupin_runtime import graph
 from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from lupin_runtime.environment import is_off
 from lupin_runtime.exit_codes import ESTOPPED, FAILURE, SUCCESS
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
-OPT_OUT = ("false", "0", "no", "off")
 RETRY_S = 1.0
 # The unit's RestartSec= and the start of a process on a slow computer: a press between two attempts is not older than this.
 BETWEEN_ATTEMPTS_S = 30.0
@@ -63,7 +63,7 @@ class Limits:
 
 def opted_out(environment: Mapping[str, str]) -> bool:
     """Return whether LUPIN_AUTO_HOME disables auto-home."""
-    return environment.get("LUPIN_AUTO_HOME", "").strip().lower() in OPT_OUT
+    return is_off(environment, "LUPIN_AUTO_HOME")
 
 
 class AutoHome:

@@ -13,14 +13,14 @@ from lupin_runtime.json_text import parse_json
 BUTTON = "button"
 CONSOLE = "console"
 WITNESS = "witness"
-NO_BUTTON = "LUPIN_ESTOP_BUTTON=no"  # in the environment of lupin-onboard, on a robot without a button
+ESTOP_BUTTON = "LUPIN_ESTOP_BUTTON"  # of the environment of lupin-onboard; off on a robot without a button
 
 UNHEARD_BUTTON = "nothing has been heard of the robot's button yet"
 UNHEARD_CONSOLE = "nothing has been heard of the console yet"
 UNHEARD_WITNESS = "nothing has been heard of estop_witness yet"
 # Source → the reason of a stop while nothing has been heard of it, with the way out.
 UNHEARD = {
-    BUTTON: f"{UNHEARD_BUTTON}: press and release it; on a robot without one, set {NO_BUTTON} (docs/robot-services.md)",
+    BUTTON: f"{UNHEARD_BUTTON}: press and release it; on a robot without one, set {ESTOP_BUTTON}=no (docs/robot-services.md)",
     CONSOLE: f"{UNHEARD_CONSOLE}: see lupin logs console, or start the run without it: lupin up --no-web",
     WITNESS: f"{UNHEARD_WITNESS}, which knows what this process has missed: see the log of the process drive",
 }

@@ -16,7 +16,7 @@ from lupin_runtime.safety.estop import MISSED_PRESS, MISSED_PRESS_OR_SILENCE
 from lupin_runtime.safety.expected_sources import (
     BUTTON,
     CONSOLE,
-    NO_BUTTON,
+    ESTOP_BUTTON,
     UNHEARD,
     UNHEARD_BUTTON,
     WITNESS,
@@ -93,7 +93,7 @@ def test_unheard_button_engages_and_its_reason_names_the_way_out() -> None:
     state = sources(expected=(BUTTON,)).state(3600 * S, 3600 * S)
     assert state.engaged and not state.stops and not state.warnings
     assert state.unheard == (BUTTON,) and state.reasons == (UNHEARD[BUTTON],)
-    assert UNHEARD_BUTTON in state.reasons[0] and NO_BUTTON in state.reasons[0]
+    assert UNHEARD_BUTTON in state.reasons[0] and f"{ESTOP_BUTTON}=no" in state.reasons[0]
 
 
 @pytest.mark.parametrize("source", SOURCES)
