@@ -71,8 +71,8 @@ class EstopSources:
     """Combines the button, the consoles, and what the e-stop's process has missed.
 
     It is engaged until each of the sources `expected` was heard. The button's last value stays valid until its next message. A
-    button that falls silent engages the e-stop, because a press would no longer be noticed. One that was never received causes
-    a warning where it is not expected: a robot without one can still be driven. Clear `button_silence_engages` for firmware that
+    button that falls silent engages the e-stop, because a press would no longer be noticed. One that is not expected and was
+    never received causes a warning: a robot without one can still be driven. Clear `button_silence_engages` for firmware that
     reports the button only when it changes; its silence then causes a warning.
     """
 

@@ -48,12 +48,20 @@ class ExpectedSources:
 
 
 def waits_for_sources(text: str) -> bool:
-    """Return whether the e-stop's status says that it is engaged only because its process has not heard every source.
-
-    Then nobody has pressed it since that process was started. A malformed status does not say so.
-    """
+    """Return whether the e-stop's status names sources that its process has not heard. A malformed one names none."""
     try:
-        status = parse_json(text)
-        return bool(status["engaged"] and status["unheard"]) and status["presses"] == 0
+        return bool(parse_json(text)["unheard"])
     except (ValueError, KeyError, TypeError):
         return False
+
+
+def tells_of_no_press(text: str) -> bool:
+    """Return whether the e-stop's status says that nothing has held the stop since its process was started.
+
+    If the e-stop is engaged nevertheless, its process has not heard every source. A malformed status does not say so.
+    """
+    try:
+        presses = parse_json(text)["presses"]
+    except (ValueError, KeyError, TypeError):
+        return False
+    return type(presses) is int and presses == 0
