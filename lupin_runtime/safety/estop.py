@@ -118,7 +118,9 @@ class EstopSources:
 
     def state(self, now_ns: int, real_ns: int) -> EstopState:
         """Return the e-stop state at `now_ns` of the button's clock and `real_ns` of the consoles' clock."""
-        stops, warnings, unheard = [], [], self._expected.unheard
+        stops: list[str] = []
+        warnings: list[str] = []
+        unheard = self._expected.unheard
         if self._pressed:
             stops.append("the button is pressed")
         if self._silence.is_silent(now_ns, real_ns):

@@ -19,7 +19,7 @@ from lupin_runtime.ros.priority import request_realtime_scheduling
 from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import EXPIRY_S, ConsoleStop
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, ButtonSilence, EstopSources, EstopState
-from lupin_runtime.safety.expected_sources import BUTTON
+from lupin_runtime.safety.expected_sources import BUTTON, tells_of_no_press
 from lupin_runtime.safety.missed_press import ANSWER_S, MissedPress
 from lupin_runtime.safety.unheard_press import REPORT_PERIOD_S, PressCounter
 
@@ -143,7 +143,9 @@ class EstopWitness(LupinNode):
 
     It is also true while the button is silent that was received before, because a bridge that has just been started knows
     nothing of that; and from when the bridge is gone while the button is held, or while a lost console has left its stop, until
-    that ends. Its first message is false only after `listen_s`, when it knows as much as a bridge that may say released.
+    that ends. A bridge that is engaged only because it has not heard every source has not responded to a press. The first
+    message is false only after `listen_s`, so that this node has probably discovered what it reports about.
+
     Parameters, the same as those of `estop_bridge`: `engaged_value`, `listen_s`, `hmi_expiry_s`, `hmi_silence_engages`,
     `button_silence_s`, `button_silence_engages`.
     """
@@ -152,6 +154,8 @@ class EstopWitness(LupinNode):
         super().__init__("estop_witness", parameters)
         self._engaged_value = self.parameter("engaged_value", True)
         self._press = MissedPress()
+        self._engaged = False  # the last state of the e-stop
+        self._no_press = False  # whether the bridge has counted no press: an engaged state is then no answer to one
         # A little later than the bridge, which names its own reason first.
         self._silence = ButtonSilence(self.parameter("button_silence_s", BUTTON_SILENCE_S) + ANSWER_S)
         self._silence_engages = self.parameter("button_silence_engages", True)
@@ -165,13 +169,25 @@ class EstopWitness(LupinNode):
         self._published: bool | None = None  # so that the first value replaces that of a former witness
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
         self.subscription(graph.ESTOP_STATE, self._on_state)
+        self.subscription(graph.ESTOP_STATUS, self._on_status)
         self.subscription(graph.ESTOP_BUTTON, self._on_button)
         self.subscription(graph.HMI_ESTOP, self._on_console)
         self.subscription(graph.CONSOLE_STOP, self._on_console_server)
         self.create_timer(ANSWER_S / 2, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_state(self, message: Any) -> None:
-        self._press.state(bool(message.data), time.monotonic_ns())
+        self._engaged = bool(message.data)
+        self._note_state()
+
+    def _on_status(self, message: Any) -> None:
+        self._no_press = tells_of_no_press(message.data)
+        self._note_state()
+
+    def _note_state(self) -> None:
+        if self._no_press:
+            self._press.note_no_press()
+        else:
+            self._press.state(self._engaged, time.monotonic_ns())
         self._publish()
 
     def _on_button(self, message: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -318,7 +319,7 @@ def add_source(probe: Probe, source: str, holds: bool) -> None:
 
 
 @pytest.mark.parametrize("source", [BUTTON, CONSOLE, WITNESS])
-def test_source_discovered_late_that_holds_the_stop_is_never_released(graph_host: GraphHost, source: str) -> None:
+def test_held_source_discovered_late_is_never_released(graph_host: GraphHost, source: str) -> None:
     bridge(graph_host, listen_s=1.0, expected_sources=source)
     probe = Probe(graph_host)
     heard_s = time.monotonic() + DISCOVERY_S
@@ -354,7 +355,7 @@ def test_restarted_bridge_that_hears_its_sources_does_not_engage(graph_host: Gra
     first = bridge(graph_host)
     probe = Probe(graph_host)
     for source in (BUTTON, WITNESS):
-        graph_host.within(probe.node, lambda source=source: add_source(probe, source, holds=False))
+        graph_host.within(probe.node, partial(add_source, probe, source, holds=False))
     graph_host.remove(first)
     graph_host.until(lambda: not probe.node.count_publishers(graph.ESTOP_STATE.name), what="the end of the first bridge")
     probe.states.clear()
@@ -372,3 +373,20 @@ def test_bridge_expects_the_button_by_default(graph_host: GraphHost) -> None:
     probe = Probe(graph_host)
     assert probe.engaged
     graph_host.until(lambda: probe.status and probe.status[-1]["reasons"] == [UNHEARD[BUTTON]], what="the reason")
+
+
+def test_press_counts_that_a_bridge_without_the_button_missed(graph_host: GraphHost) -> None:
+    """The bridge is engaged already, but no mission may start and no arm may move as if nobody had pressed."""
+    from lupin_runtime.safety.node import EstopWitness
+
+    # The bridge listens on another topic, as if it had not discovered the button.
+    bridge(graph_host, expected_sources="button", button_topic="/undiscovered")
+    graph_host.add(EstopWitness({"listen_s": 0.0, "button_silence_engages": False}))
+    probe = Probe(graph_host)
+    graph_host.until(lambda: probe.status, what="the status")
+    assert probe.status[-1]["reasons"] == [UNHEARD[BUTTON]] and probe.status[-1]["presses"] == 0
+    probe.press(True)
+    probe.press(False)
+    graph_host.until(lambda: probe.status[-1]["presses"] == 1, what="the count of the press")
+    graph_host.until(lambda: probe.status[-1]["reasons"] == [UNHEARD[BUTTON]], what="the end of the missed press")
+    assert {engaged for _, engaged in probe.states} == {True}

@@ -119,7 +119,7 @@ def test_request_waits_until_the_estop_has_heard_every_source(rig: Rig) -> None:
     assert rig.end == ("lupin-1", "")
 
 
-def test_source_that_is_never_heard_ends_the_start_with_the_refusal(rig: Rig) -> None:
+def test_source_that_is_never_heard_ends_the_start_refused(rig: Rig) -> None:
     rig.estop_waits = True
     rig.wait(SOURCES_TIMEOUT_S + RELEASE_S + 0.5)
     rig.answer(False, "e-stop engaged")
