@@ -124,9 +124,13 @@ def main() -> int:
     """Run one of the measured processes."""
     from lupin_runtime.drive.node import TwistMux
     from lupin_runtime.ros import run
+    from lupin_runtime.safety.expected_sources import WITNESS
     from lupin_runtime.safety.node import EstopBridge, EstopWitness
 
-    return run([EstopBridge] if sys.argv[1] == "estop" else [TwistMux, EstopWitness, _watch_sink])
+    def estop() -> EstopBridge:
+        return EstopBridge({"expected_sources": WITNESS})  # there is no button, and the console may be another one
+
+    return run([estop] if sys.argv[1] == "estop" else [TwistMux, EstopWitness, _watch_sink])
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from lupin_runtime.graph import (
     ESTOP_STATE,
     HMI_ESTOP,
 )
+from lupin_runtime.safety.expected_sources import ESTOP_BUTTON, UNHEARD_BUTTON, UNHEARD_CONSOLE, UNHEARD_WITNESS
 
 # Users often type the last one by mistake; it exists on no robot.
 SINKS = (CMD_VEL_SINK_ROBOT.name, CMD_VEL_SINK_SIM.name, "/mirte_base_controller/cmd_vel_unstamped")
@@ -58,9 +59,15 @@ _INSTEAD = {
 # page can that engages it again.
 BUTTON_PRESSED = "button is pressed"
 SILENT_BUTTON = "the button has been silent"
+_NO_BUTTON_STATE = (SILENT_BUTTON, UNHEARD_BUTTON)  # one that was never received has the same causes
 RELEASES = {
     BUTTON_PRESSED: "release the red button on the robot",
     "was lost": "engage the e-stop on any page of the console, then release it there",
+    UNHEARD_BUTTON: "press and release the red button on the robot: some firmware publishes its state only when it changes; if "
+    f"the robot has none, set {ESTOP_BUTTON}=no as in docs/robot-services.md",
+    UNHEARD_CONSOLE: "wait until the console is up; if it does not come up, end the run with lupin down, and start it again "
+    "with lupin up --no-web",
+    UNHEARD_WITNESS: "wait until the process drive is up; if it does not come up, lupin status says why",
 }
 # Topic of an input → finding, publisher, how to silence it.
 INPUTS = {
@@ -135,9 +142,14 @@ def find_engaged_estop(snapshot: Snapshot) -> Iterator[Finding]:
                     *(f"drive bus: {lock}" for lock in graph.drive_bus_locks),
                 ),
                 explains={"page-holds-bus", "bus-locked"},
-                about=SILENT_BUTTON if all(SILENT_BUTTON in each for each in graph.estop_reasons or ("",)) else "",
+                about=SILENT_BUTTON if _is_without_button_state(graph.estop_reasons) else "",
                 **_release(graph, reasons),
             )
+
+
+def _is_without_button_state(reasons: tuple[str, ...]) -> bool:
+    """Return whether the e-stop is engaged only because it does not receive the button's state."""
+    return bool(reasons) and all(any(phrase in reason for phrase in _NO_BUTTON_STATE) for reason in reasons)
 
 
 def _release(graph: Graph, reasons: str) -> FixText:

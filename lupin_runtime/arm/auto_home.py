@@ -4,7 +4,8 @@
 
 The robot runs it at boot and again after a failure (`--unattended`), and `lupin home` runs it on request. It prints a line per
 step with what it found and did. Exit status: 0 the arm was sent home, or LUPIN_AUTO_HOME disables this; 4 the e-stop was
-engaged, if only for a moment, and systemd does not start it again; 1 otherwise, with the reason. Every wait has a timeout.
+pressed, if only for a moment, and systemd does not start it again; 1 otherwise, with the reason. Every wait has a timeout, also
+that for an e-stop whose process has not heard every source since it was started.
 """
 
 from __future__ import annotations
@@ -27,14 +28,18 @@ from lupin_runtime import graph
 from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from lupin_runtime.environment import is_off
 from lupin_runtime.exit_codes import ESTOPPED, FAILURE, SUCCESS
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.safety.estop_subscription import subscribe_estop
+from lupin_runtime.safety.expected_sources import tells_of_no_press
 
-OPT_OUT = ("false", "0", "no", "off")
 RETRY_S = 1.0
 # The unit's RestartSec= and the start of a process on a slow computer: a press between two attempts is not older than this.
 BETWEEN_ATTEMPTS_S = 30.0
+# An engaged state may arrive before the status that tells of its reason; the state repeats at 5 Hz.
+STATUS_DELAY_S = 1.0
+_ESTOPPED = f"{ESTOP_ENGAGED}: the arm is not moved; after its release: lupin home"
 
 
 class NotHome(RuntimeError):
@@ -56,6 +61,7 @@ class Limits:
     list_repeat_s: float = 3.0
     joint_states_s: float = 30.0
     preset_s: float = 30.0
+    release_s: float = 30.0
     settle_s: float = 2.0
     home_s: float = 10.0
     total_s: float = 220.0
@@ -63,7 +69,7 @@ class Limits:
 
 def opted_out(environment: Mapping[str, str]) -> bool:
     """Return whether LUPIN_AUTO_HOME disables auto-home."""
-    return environment.get("LUPIN_AUTO_HOME", "").strip().lower() in OPT_OUT
+    return is_off(environment, "LUPIN_AUTO_HOME")
 
 
 class AutoHome:
@@ -89,6 +95,8 @@ class AutoHome:
         self._switch = node.client(graph.SWITCH_CONTROLLER)
         self._preset = node.client(graph.ARM_PRESET)
         self._arm_received = self._status_received = False
+        self._engaged_s: float | None = None  # since when the e-stop is engaged
+        self._no_press = False  # whether its process was never pressed: it may be engaged until it has heard every source
         since_ns = time.monotonic_ns() - int(BETWEEN_ATTEMPTS_S * 1e9) * unattended
         subscribe_estop(node, self._on_estop, pressed_since_ns=since_ns)
         node.subscription(graph.ESTOP_STATUS, self._on_estop_status)
@@ -103,6 +111,9 @@ class AutoHome:
         if self._unattended:
             self._wait(lambda: self._status_received, self._limits.preset_s, graph.ESTOP_STATUS.name)
         self._spin_for(self._limits.settle_s)
+        while self._engaged_s is not None:
+            self._wait(lambda: self._engaged_s is None, self._limits.release_s, "the e-stop, which has not heard every source")
+            self._spin_for(self._limits.settle_s)  # the arm's service may notice the release a little later
         self._go_home()
 
     def activate_controllers(self) -> None:
@@ -203,11 +214,21 @@ class AutoHome:
         return min(limit_s, remaining_s)
 
     def _on_estop(self, engaged: bool) -> None:
-        if engaged:
-            raise Estopped(f"{ESTOP_ENGAGED}: the arm is not moved; after its release: lupin home")
+        now_s = time.monotonic()
+        if not engaged:
+            self._engaged_s = None
+            return
+        if self._engaged_s is None:
+            self._engaged_s = now_s
+        is_new = not self._status_received and now_s - self._engaged_s < STATUS_DELAY_S
+        if not (self._no_press or is_new):
+            raise Estopped(_ESTOPPED)
 
-    def _on_estop_status(self, _: Any) -> None:
+    def _on_estop_status(self, message: Any) -> None:
         self._status_received = True
+        self._no_press = tells_of_no_press(message.data)
+        if self._engaged_s is not None and not self._no_press:
+            raise Estopped(_ESTOPPED)
 
     def _on_joint_states(self, message: Any) -> None:
         self._arm_received = self._arm_received or arm_state(message.name, message.position, 0) is not None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import ConsoleStop
+from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, UNHEARD, WITNESS, ExpectedSources
 
 BUTTON_SILENCE_S = 2.0
 MISSED_PRESS = (
@@ -21,11 +23,21 @@ MISSED_PRESS_OR_SILENCE = (
 
 @dataclass(frozen=True)
 class EstopState:
-    """Whether the e-stop is engaged, every reason for it, and warnings about its sources."""
+    """What holds the stop, the expected sources that have not been heard, and warnings about sources."""
 
-    engaged: bool
-    reasons: tuple[str, ...] = ()
+    stops: tuple[str, ...] = ()
+    unheard: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Every reason for the e-stop."""
+        return (*self.stops, *(UNHEARD[source] for source in self.unheard))
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the e-stop is engaged."""
+        return bool(self.stops or self.unheard)
 
 
 class ButtonSilence:
@@ -56,46 +68,67 @@ class ButtonSilence:
 
 
 class EstopSources:
-    """Combines the button, the consoles, and what the e-stop's process has missed. All start released.
+    """Combines the button, the consoles, and what the e-stop's process has missed.
 
-    The button's last value stays valid until its next message. A button that falls silent engages the e-stop, because a press
-    would no longer be noticed. A button that was never received causes a warning: a robot without one can still be driven.
-    Clear `button_silence_engages` for firmware that reports the button only when it changes; its silence then causes a warning.
+    It is engaged until each of the sources `expected` was heard. The button's last value stays valid until its next message. A
+    button that falls silent engages the e-stop, because a press would no longer be noticed. One that is not expected and was
+    never received causes a warning: a robot without one can still be driven. Clear `button_silence_engages` for firmware that
+    reports the button only when it changes; its silence then causes a warning.
     """
 
     def __init__(
         self,
         consoles: ConsoleStop,
         *,
+        expected: Collection[str] = (),
         engaged_value: bool = True,
         button_silence_s: float = BUTTON_SILENCE_S,
         button_silence_engages: bool = True,
     ) -> None:
         self.consoles = consoles
-        self.console_server = ConsoleServerStop()
+        self._console_server = ConsoleServerStop()
+        self._expected = ExpectedSources(expected)
         self._engaged_value = engaged_value
         self._silence = ButtonSilence(button_silence_s)
         self._silence_engages = button_silence_engages
         self._pressed = False
         # Whether another process noticed what this one missed: a press, the button's silence, or the stop of a lost console.
-        self.missed_press = False
+        self._missed_press: bool | None = None  # None before it has said anything
+
+    @property
+    def is_told_of_no_missed_press(self) -> bool:
+        """Whether the other process says that nothing was missed."""
+        return self._missed_press is False
 
     def button(self, value: bool, now_ns: int, real_ns: int) -> None:
         """Handle a message of the button; `now_ns` is on the clock of the button's driver, `real_ns` on the consoles' clock."""
         self._pressed = value == self._engaged_value
         self._silence.receive(now_ns, real_ns)
+        self._expected.hear(BUTTON)
+
+    def console_server(self, text: str, real_ns: int) -> None:
+        """Handle a statement of the console's server."""
+        self._console_server.update(text, real_ns)
+        self._expected.hear(CONSOLE)
+
+    def missed_press(self, missed: bool) -> None:
+        """Handle a message of the process that notices what this one missed."""
+        self._missed_press = missed
+        self._expected.hear(WITNESS)
 
     def state(self, now_ns: int, real_ns: int) -> EstopState:
         """Return the e-stop state at `now_ns` of the button's clock and `real_ns` of the consoles' clock."""
-        reasons, warnings = [], []
+        stops: list[str] = []
+        warnings: list[str] = []
+        unheard = self._expected.unheard
         if self._pressed:
-            reasons.append("the button is pressed")
-        if not self._silence.was_received:
-            warnings.append("no message from the button yet")
-        elif self._silence.is_silent(now_ns, real_ns):
+            stops.append("the button is pressed")
+        if self._silence.is_silent(now_ns, real_ns):
             silent = f"the button has been silent for more than {self._silence.silence_s:g} s"
-            (reasons if self._silence_engages else warnings).append(silent)
-        reasons += [why for why in (self.consoles.reason(real_ns), self.console_server.reason(real_ns)) if why is not None]
-        if self.missed_press and not reasons:
-            reasons.append(MISSED_PRESS if self._silence.was_received else MISSED_PRESS_OR_SILENCE)
-        return EstopState(bool(reasons), tuple(reasons), tuple(warnings))
+            (stops if self._silence_engages else warnings).append(silent)
+        elif not self._silence.was_received and BUTTON not in unheard:
+            warnings.append("no message from the button yet")
+        stops += [why for why in (self.consoles.reason(real_ns), self._console_server.reason(real_ns)) if why is not None]
+        if self._missed_press and not stops:
+            stops.append(MISSED_PRESS if self._silence.was_received else MISSED_PRESS_OR_SILENCE)
+        return EstopState(tuple(stops), unheard, tuple(warnings))

@@ -52,6 +52,10 @@ class MissedPress:
             if self.missed and self._made_good_ns is None:
                 self._made_good_ns = now_ns
 
+    def note_no_press(self) -> None:
+        """Note that the e-stop was not engaged for a press so far: its process has not heard every source yet."""
+        self._engaged_ns = None
+
     def tick(self, now_ns: int) -> bool:
         """Return whether a stop is missed at `now_ns`."""
         is_held = self._down or self._lost

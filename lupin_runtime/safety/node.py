@@ -19,13 +19,14 @@ from lupin_runtime.ros.priority import request_realtime_scheduling
 from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import EXPIRY_S, ConsoleStop
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, ButtonSilence, EstopSources, EstopState
+from lupin_runtime.safety.expected_sources import BUTTON, tells_of_no_press
 from lupin_runtime.safety.missed_press import ANSWER_S, MissedPress
 from lupin_runtime.safety.unheard_press import REPORT_PERIOD_S, PressCounter
 
 SLOWEST_HZ = 0.5
 # Two periods of a console.
 SHORT_LISTEN_S = 1.0
-# Through a discovery server, a first sample takes up to 3.3 s; then a period of a console.
+# Through a discovery server, a first sample usually takes up to 3.3 s; then a period of a console.
 LISTEN_S = 4.0
 WARNING_PERIOD_S = 30.0
 
@@ -33,13 +34,17 @@ WARNING_PERIOD_S = 30.0
 class EstopBridge(LupinNode):
     """Publishes the e-stop state at `publish_rate_hz` and on every edge.
 
-    For the first `listen_s` it publishes engaged but not released, because a restarted bridge may not have received the button
-    that is held, or the console that holds the stop. SHORT_LISTEN_S is enough if `estop_witness`, which has listened for at
-    least `listen_s`, says that nothing is missed.
+    It publishes released only after it has heard every one of its `expected_sources`, and not within `listen_s` of its start,
+    because there may also be sources that it cannot expect: the console of another machine. SHORT_LISTEN_S is enough if
+    `estop_witness`, which has listened for at least `listen_s`, says that nothing is missed.
 
-    Parameters: `button_topic`, `estop_topic`, `hmi_estop_topic`, `engaged_value` (the button's value when pressed),
-    `publish_rate_hz` (floor 0.5), `listen_s`, `hmi_expiry_s`, `hmi_silence_engages`, `button_silence_s`,
-    `button_silence_engages`, `serve_first` (request real-time scheduling of the process).
+    It publishes engaged as soon as a source holds the stop, and after `listen_s` if it has not heard every expected source.
+    Until then it is silent, which locks the drive bus as well, so that a restart does not end a mission.
+
+    Parameters: `expected_sources` (some of button, console, witness, separated by spaces), `button_topic`, `estop_topic`,
+    `hmi_estop_topic`, `engaged_value` (the button's value when pressed), `publish_rate_hz` (floor 0.5), `listen_s`,
+    `hmi_expiry_s`, `hmi_silence_engages`, `button_silence_s`, `button_silence_engages`, `serve_first` (request real-time
+    scheduling of the process).
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -52,6 +57,7 @@ class EstopBridge(LupinNode):
                 expiry_s=self.parameter("hmi_expiry_s", EXPIRY_S),
                 silence_engages=self.parameter("hmi_silence_engages", True),
             ),
+            expected=self.parameter("expected_sources", BUTTON).split(),
             engaged_value=engaged_value,
             button_silence_s=self.parameter("button_silence_s", BUTTON_SILENCE_S),
             button_silence_engages=self.parameter("button_silence_engages", True),
@@ -88,29 +94,42 @@ class EstopBridge(LupinNode):
         self._publish()
 
     def _on_console_server(self, message: Any) -> None:
-        self._sources.console_server.update(message.data, time.monotonic_ns())
+        self._sources.console_server(message.data, time.monotonic_ns())
         self._publish()
 
     def _on_missed_press(self, message: Any) -> None:
-        self._sources.missed_press = bool(message.data)
-        if not message.data:
-            self._listen_ns = min(self._listen_ns, int(SHORT_LISTEN_S * 1e9))
+        self._sources.missed_press(bool(message.data))
         self._publish()
+
+    def _is_listening(self, state: EstopState, now_ns: int) -> bool:
+        """Return whether it is too early to say anything."""
+        listened_ns = now_ns - self._started_ns
+        if state.stops or listened_ns >= self._listen_ns:
+            return False
+        short = self._sources.is_told_of_no_missed_press and not state.unheard
+        return not short or listened_ns < SHORT_LISTEN_S * 1e9
 
     def _publish(self, repeat: bool = False) -> None:
         now_ns = time.monotonic_ns()
         state = self._sources.state(self.elapsed_clock_ns(), now_ns)
-        if not state.engaged and self._published is None and now_ns - self._started_ns < self._listen_ns:
+        if self._published is None and self._is_listening(state, now_ns):
             return
         edge = self._published is None or state.engaged != self._published.engaged
-        self._presses.update(state.engaged, now_ns)
+        # That a source has not been heard yet is no press: a mission or the arm may start as soon as it is heard.
+        self._presses.update(bool(state.stops), now_ns)
         if edge or repeat:
             self._output.publish(Bool(data=state.engaged))
         is_due = self._presses.is_recent(now_ns) and now_ns - self._reported_ns >= REPORT_PERIOD_S * 1e9
         if is_due or state != self._published:
             self._reported_ns = now_ns
-            status = {"engaged": state.engaged, "reasons": state.reasons, "warnings": state.warnings}
-            self._status.publish(String(data=json.dumps({**status, **self._presses.report(now_ns)})))
+            status = {
+                "engaged": state.engaged,
+                "reasons": state.reasons,
+                "unheard": state.unheard,
+                "warnings": state.warnings,
+                **self._presses.report(now_ns),
+            }
+            self._status.publish(String(data=json.dumps(status)))
         if edge and (state.engaged or self._published is not None):
             text = "e-stop engaged: " + ", ".join(state.reasons) if state.engaged else "e-stop released"
             self.get_logger().warning(text)
@@ -124,7 +143,9 @@ class EstopWitness(LupinNode):
 
     It is also true while the button is silent that was received before, because a bridge that has just been started knows
     nothing of that; and from when the bridge is gone while the button is held, or while a lost console has left its stop, until
-    that ends. Its first message is false only after `listen_s`, when it knows as much as a bridge that may say released.
+    that ends. A bridge that is engaged only because it has not heard every source has not responded to a press. The first
+    message is false only after `listen_s`, so that this node has probably discovered what it reports about.
+
     Parameters, the same as those of `estop_bridge`: `engaged_value`, `listen_s`, `hmi_expiry_s`, `hmi_silence_engages`,
     `button_silence_s`, `button_silence_engages`.
     """
@@ -133,6 +154,8 @@ class EstopWitness(LupinNode):
         super().__init__("estop_witness", parameters)
         self._engaged_value = self.parameter("engaged_value", True)
         self._press = MissedPress()
+        self._engaged = False  # the last state of the e-stop
+        self._no_press = False  # whether the bridge has counted no press: an engaged state is then no answer to one
         # A little later than the bridge, which names its own reason first.
         self._silence = ButtonSilence(self.parameter("button_silence_s", BUTTON_SILENCE_S) + ANSWER_S)
         self._silence_engages = self.parameter("button_silence_engages", True)
@@ -146,13 +169,25 @@ class EstopWitness(LupinNode):
         self._published: bool | None = None  # so that the first value replaces that of a former witness
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
         self.subscription(graph.ESTOP_STATE, self._on_state)
+        self.subscription(graph.ESTOP_STATUS, self._on_status)
         self.subscription(graph.ESTOP_BUTTON, self._on_button)
         self.subscription(graph.HMI_ESTOP, self._on_console)
         self.subscription(graph.CONSOLE_STOP, self._on_console_server)
         self.create_timer(ANSWER_S / 2, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_state(self, message: Any) -> None:
-        self._press.state(bool(message.data), time.monotonic_ns())
+        self._engaged = bool(message.data)
+        self._note_state()
+
+    def _on_status(self, message: Any) -> None:
+        self._no_press = tells_of_no_press(message.data)
+        self._note_state()
+
+    def _note_state(self) -> None:
+        if self._no_press:
+            self._press.note_no_press()
+        else:
+            self._press.state(self._engaged, time.monotonic_ns())
         self._publish()
 
     def _on_button(self, message: Any) -> None:

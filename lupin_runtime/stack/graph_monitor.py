@@ -22,6 +22,7 @@ from lupin_runtime.json_text import parse_json
 from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.ros.tf import TransformListener
+from lupin_runtime.safety.expected_sources import waits_for_sources
 from lupin_runtime.safety.unheard_press import UnheardPress
 from lupin_runtime.stack.mission_events import MissionEvents
 from lupin_runtime.stack.readiness import (
@@ -92,6 +93,7 @@ class GraphMonitor:
         self.alarms: tuple[str, ...] = ()  # of the drive bus
         self.drive_bus_locks: tuple[str, ...] = ()
         self.was_pressed = False  # whether the e-stop was pressed after its first status arrived
+        self.estop_waits = False  # whether the e-stop's process has not heard every source since it was started
         self._presses: UnheardPress | None = None
         self.node.subscription(graph.DRIVE_STATUS, self._take_drive_status)
         self.node.subscription(graph.ESTOP_STATUS, self._take_estop_status)
@@ -129,6 +131,7 @@ class GraphMonitor:
         self.alarms, self.drive_bus_locks = _sentences(alarms), _sentences(locks)
 
     def _take_estop_status(self, message: Any) -> None:
+        self.estop_waits = waits_for_sources(message.data)
         if self._presses is None:
             self._presses = UnheardPress()
             self._presses.status(message.data, time.monotonic_ns())  # what was pressed before is not this run's concern

@@ -11,6 +11,9 @@ from lupin_runtime.mission.hsm_spec import BUSY
 ANSWER_TIMEOUT_S = 10.0
 # The mission's state may arrive after the answer that refers to it.
 STATE_TIMEOUT_S = 1.0
+# The mission refuses a request while the e-stop's process has not heard every source, and notices the release up to 1 s later.
+SOURCES_TIMEOUT_S = 30.0
+RELEASE_S = 2.0
 
 
 class MissionState(Protocol):
@@ -34,15 +37,24 @@ class MissionStart:
         self._is_ready, self._request = is_ready, request
         self._requested = False
         self._deadline_s: float | None = None
+        self._first_s: float | None = None
+        self._not_before_s = 0.0
         self._problem = f"{MISSION_START.name} did not answer within {ANSWER_TIMEOUT_S:g} s; see: lupin logs mission"
         self._answer: tuple[bool, str] | None = None
         self.mission_id = ""  # of the mission that the run follows
         self.refusal = ""  # why it follows none
 
-    def step(self, now_s: float, state: MissionState | None, was_pressed: bool) -> None:
-        """Send the request, handle its answer and its absence. `state` is the mission's last one, `now_s` monotonic."""
+    def step(self, now_s: float, state: MissionState | None, was_pressed: bool, estop_waits: bool = False) -> None:
+        """Send the request, handle its answer and its absence. `state` is the mission's last one, `now_s` monotonic.
+
+        The request is held back while `estop_waits`, whether the e-stop's process has not heard every source; but not for ever:
+        its refusal then tells the reason.
+        """
         if self.mission_id or self.refusal:
             return
+        self._first_s = now_s if self._first_s is None else self._first_s
+        if estop_waits and now_s - self._first_s < SOURCES_TIMEOUT_S:
+            self._not_before_s = now_s + RELEASE_S
         if self._deadline_s is None:
             self._deadline_s = now_s + ANSWER_TIMEOUT_S
         if self._answer is not None and self._answer[0]:
@@ -52,6 +64,8 @@ class MissionStart:
         elif was_pressed and not self._requested:
             # The command to start the mission is older than the release: it starts nothing.
             self.refusal = "the e-stop was pressed meanwhile; start it with: lupin mission start"
+        elif now_s < self._not_before_s and not self._requested:
+            self._deadline_s = now_s + ANSWER_TIMEOUT_S
         elif now_s >= self._deadline_s:
             self.refusal = self._problem
         elif self._answer is not None:

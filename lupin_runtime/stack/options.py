@@ -39,6 +39,7 @@ class Options:
     console: bool = False
     rosbridge_port: int = ROSBRIDGE_PORT  # 0: any free one
     video: bool = True  # serve the simulated cameras to the console
+    estop_button: bool = True  # the robot has one, without which the e-stop's process does not say that it is released
     foxglove: bool = False
     rviz: bool = False
     map_file: Path | None = None

@@ -152,7 +152,8 @@ class StackRunner:
         if self.outcome.ready_s is None and self.supervisor.all_up():
             self.outcome.ready_s = round(age, 2)
         if self.outcome.ready_s is not None:
-            self._start.step(time.monotonic(), self.monitor.mission, self.monitor.was_pressed)
+            monitor = self.monitor
+            self._start.step(time.monotonic(), monitor.mission, monitor.was_pressed, monitor.estop_waits)
 
     def _ended(self) -> bool:
         outcome = self.outcome

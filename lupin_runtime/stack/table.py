@@ -13,6 +13,7 @@ from lupin_runtime import graph
 from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.mission.overrides import OVERRIDES_NAME
 from lupin_runtime.ports import CONSOLE_PORT, FOXGLOVE_PORT, VIDEO_PORT
+from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, WITNESS
 from lupin_runtime.stack.options import LAPTOP_TARGETS, ONBOARD, ROBOT, ROBOT_CAMERAS, SIM, Options
 from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
 
@@ -107,8 +108,11 @@ def _drive(options: Options) -> Parameters:
     return {"sink": "sim" if options.simulated else "robot", "serve_first": True}
 
 
-def _estop(_: Options) -> Parameters:
-    return {"serve_first": True}
+def _estop(options: Options) -> Parameters:
+    # The console of a laptop comes and goes while the robot runs: the robot cannot expect it.
+    started = {BUTTON: options.estop_button, CONSOLE: options.simulated and options.console, WITNESS: True}
+    expected = " ".join(source for source, is_expected in started.items() if is_expected)
+    return {"serve_first": True, "expected_sources": expected}
 
 
 def _console(options: Options) -> Parameters:

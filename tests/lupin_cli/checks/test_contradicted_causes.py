@@ -17,6 +17,7 @@ from lupin_cli.facts.graph import Graph, Graphs
 from lupin_cli.facts.sockets import Sockets
 from lupin_cli.systemd.units import ONBOARD
 from lupin_runtime.graph import DRIVE_STATUS, ESTOP_STATUS, SCAN
+from lupin_runtime.safety.expected_sources import BUTTON, UNHEARD
 from tests.lupin_cli.checks.conftest import CHECKS as NETWORK
 from tests.lupin_cli.checks.conftest import Machines
 from tests.lupin_cli.checks.test_ground_truth import received, timed, without
@@ -89,8 +90,9 @@ def test_stopped_program_explains_its_own_part(healthy: Machines) -> None:
     others = [name for name, _ in received().samples if name not in own]
     silent = received(samples=without(*others), controllers=None)
     assert roots(everything, silent) == [("problem", "process-stopped")]
-    engaged = replace(silent, estop=True, estop_reasons=(f"{SILENT_BUTTON} for more than 2 s",))
-    assert roots(everything, engaged) == [("problem", "process-stopped")]
+    for reason in (f"{SILENT_BUTTON} for more than 2 s", UNHEARD[BUTTON]):
+        engaged = replace(silent, estop=True, estop_reasons=(reason,))
+        assert roots(everything, engaged) == [("problem", "process-stopped")]
     # Stopped for most of the time: all topics are slow, or all of the vendor's.
     assert roots(everything, timed(0.1)) == roots(everything, timed(0.1, *others)) == [("problem", "process-stopped")]
 

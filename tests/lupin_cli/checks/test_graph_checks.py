@@ -27,6 +27,7 @@ from lupin_cli.facts.units import UNIT_STATES
 from lupin_cli.link.path import End, Path, UnreadSocket
 from lupin_runtime.graph import JOINT_STATES, ODOM
 from lupin_runtime.safety.console_stop import LOST_HOLDING
+from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, ESTOP_BUTTON, UNHEARD, WITNESS
 from tests.support.findings import assert_findings_match_rows
 from tests.support.optional import present
 from tests.support.paths import CAPTURED_FACTS
@@ -302,6 +303,15 @@ def test_engaged_stop_names_its_holder_and_explains_bus_lock() -> None:
     assert finding.fix.instruction.startswith("engage the e-stop on any page")
     (finding,) = root_findings(dataclasses.replace(pressed, name="sim", kind="sim"))
     assert (finding.fix.instruction, finding.fix.command) == ("", "lupin sim press estop --release")
+
+
+@pytest.mark.parametrize(
+    ("source", "way_out"), [(BUTTON, f"set {ESTOP_BUTTON}=no"), (CONSOLE, "lupin up --no-web"), (WITNESS, "process drive")]
+)
+def test_estop_that_waits_for_a_source_names_the_way_out(source: str, way_out: str) -> None:
+    (finding,) = root_findings(graph(estop=True, estop_reasons=(UNHEARD[source],), drive_bus_locks=("the e-stop is engaged",)))
+    assert finding.id == "estop-engaged" and UNHEARD[source] in finding.cause
+    assert way_out in finding.fix.instruction and not finding.fix.command
 
 
 @pytest.mark.parametrize(

@@ -330,6 +330,63 @@ def test_auto_home_is_not_repeated_after_an_estop(graph_host: GraphHost, home: A
     assert manager.presets == ["home"] * refuses
 
 
+@pytest.mark.graph
+def test_auto_home_waits_for_an_estop_that_nobody_pressed(graph_host: GraphHost) -> None:
+    """At boot the e-stop is engaged until it has heard the button: that is no press, and the arm is sent home after it."""
+    from std_msgs.msg import Bool, String
+
+    from lupin_runtime.arm.auto_home import AutoHome, Limits
+    from lupin_runtime.ros import LupinNode
+
+    manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
+    states, statuses = manager.node.publisher(graph.ESTOP_STATE), manager.node.publisher(graph.ESTOP_STATUS)
+    engaged = True
+    manager.node.create_timer(0.05, lambda: states.publish(Bool(data=engaged)))
+
+    def say(line: str) -> None:
+        """Hear the button once auto-home waits for it."""
+        nonlocal engaged
+        if line.startswith("waiting for the e-stop"):
+            assert manager.presets == []
+            engaged = False
+            statuses.publish(String(data=json.dumps({"engaged": False, "unheard": [], "presses": 0})))
+
+    node = LupinNode("auto_home")
+    home = AutoHome(node, Limits(settle_s=1.0), say, unattended=True)
+    statuses.publish(String(data=json.dumps({"engaged": True, "unheard": ["button"], "presses": 0})))
+    home.run()
+    assert not engaged and manager.presets == ["home"]
+    home.close()
+    node.destroy_node()
+
+
+@pytest.mark.graph
+def test_press_while_auto_home_waits_for_the_estop_ends_it(graph_host: GraphHost) -> None:
+    from std_msgs.msg import Bool, String
+
+    from lupin_runtime.arm.auto_home import AutoHome, Estopped, Limits
+    from lupin_runtime.ros import LupinNode
+
+    manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
+    states, statuses = manager.node.publisher(graph.ESTOP_STATE), manager.node.publisher(graph.ESTOP_STATUS)
+    manager.node.create_timer(0.05, lambda: states.publish(Bool(data=True)))
+    said: list[str] = []
+
+    def say(line: str) -> None:
+        if line.startswith("waiting for the e-stop"):
+            said.append(line)
+            statuses.publish(String(data=json.dumps({"engaged": True, "unheard": [], "presses": 1})))
+
+    node = LupinNode("auto_home")
+    home = AutoHome(node, Limits(settle_s=1.0), say, unattended=True)
+    statuses.publish(String(data=json.dumps({"engaged": True, "unheard": ["button"], "presses": 0})))
+    with pytest.raises(Estopped, match="e-stop engaged"):
+        home.run()
+    assert said and manager.presets == []
+    home.close()
+    node.destroy_node()
+
+
 def tell_of_press(manager: Manager, ago_s: float) -> None:
     """Publish the e-stop's status after a press that was released again."""
     from std_msgs.msg import String

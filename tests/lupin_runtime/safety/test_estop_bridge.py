@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from lupin_runtime import graph
 from lupin_runtime.safety.console_server_stop import BROWSER_HOLDS_STOP
 from lupin_runtime.safety.estop import MISSED_PRESS_OR_SILENCE
+from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, UNHEARD, WITNESS
 
 if TYPE_CHECKING:
     from lupin_runtime.safety.node import EstopBridge
@@ -60,7 +62,8 @@ class Probe:
 def bridge(host: GraphHost, **parameters: Any) -> EstopBridge:
     from lupin_runtime.safety.node import EstopBridge
 
-    result: EstopBridge = host.add(EstopBridge({"listen_s": 0.0, **parameters}))
+    # Most tests have no source that repeats itself, and listen for none.
+    result: EstopBridge = host.add(EstopBridge({"listen_s": 0.0, "expected_sources": "", **parameters}))
     return result
 
 
@@ -295,3 +298,95 @@ def test_new_witness_reports_a_press_before_it_has_listened(graph_host: GraphHos
     probe.press(False)
     graph_host.until(lambda: missed, what="the witness's report of the silent button")
     assert missed == [True]
+
+
+STATEMENT = '{"server": "a", "engaged": %s, "driving": false, "presses": 0, "releases": 0}'
+DISCOVERY_S = 3.0  # longer than the bridge listens
+
+
+def add_source(probe: Probe, source: str, holds: bool) -> None:
+    """Publish as a source of the e-stop from now on, which the bridge has yet to discover."""
+    from mirte_msgs.msg import IntensityDigital
+    from std_msgs.msg import Bool, String
+
+    row, message = {
+        BUTTON: (graph.ESTOP_BUTTON, IntensityDigital(value=holds)),
+        CONSOLE: (graph.CONSOLE_STOP, String(data=STATEMENT % str(holds).lower())),
+        WITNESS: (graph.ESTOP_MISSED_PRESS, Bool(data=holds)),
+    }[source]
+    publisher = probe.node.publisher(row)
+    probe.node.create_timer(0.1, lambda: publisher.publish(message))
+
+
+@pytest.mark.parametrize("source", [BUTTON, CONSOLE, WITNESS])
+def test_held_source_discovered_late_is_never_released(graph_host: GraphHost, source: str) -> None:
+    bridge(graph_host, listen_s=1.0, expected_sources=source)
+    probe = Probe(graph_host)
+    heard_s = time.monotonic() + DISCOVERY_S
+    graph_host.until(lambda: time.monotonic() > heard_s, what="the end of the discovery")
+    assert [status["unheard"] for status in probe.status] == [[source]]
+    assert probe.status[-1]["reasons"] == [UNHEARD[source]] and probe.status[-1]["presses"] == 0
+    graph_host.within(probe.node, lambda: add_source(probe, source, holds=True))
+    graph_host.until(lambda: probe.status[-1]["unheard"] == [], what="the source")
+    count = len(probe.states)
+    graph_host.until(lambda: len(probe.states) >= count + 5, what="repeats")
+    assert probe.status[-1]["engaged"] and probe.status[-1]["presses"] == 1
+    assert {engaged for _, engaged in probe.states} == {True}, "released was never published"
+
+
+def test_source_discovered_late_releases_without_a_press(graph_host: GraphHost) -> None:
+    bridge(graph_host, listen_s=1.0, expected_sources="button console")
+    probe = Probe(graph_host)
+    assert probe.engaged
+    graph_host.within(probe.node, lambda: add_source(probe, BUTTON, holds=False))
+    graph_host.until(lambda: probe.status and probe.status[-1]["unheard"] == [CONSOLE], what="the button")
+    count = len(probe.states)
+    graph_host.until(lambda: len(probe.states) >= count + 5, what="repeats")
+    assert {engaged for _, engaged in probe.states} == {True}
+    graph_host.within(probe.node, lambda: add_source(probe, CONSOLE, holds=False))
+    graph_host.until(lambda: not probe.engaged, what="the release")
+    graph_host.until(lambda: not probe.status[-1]["engaged"], what="the status")
+    assert probe.status[-1]["presses"] == 0 and probe.status[-1]["engaged_s_ago"] is None
+
+
+def test_restarted_bridge_that_hears_its_sources_does_not_engage(graph_host: GraphHost) -> None:
+    from lupin_runtime.safety.node import LISTEN_S, SHORT_LISTEN_S
+
+    first = bridge(graph_host)
+    probe = Probe(graph_host)
+    for source in (BUTTON, WITNESS):
+        graph_host.within(probe.node, partial(add_source, probe, source, holds=False))
+    graph_host.remove(first)
+    graph_host.until(lambda: not probe.node.count_publishers(graph.ESTOP_STATE.name), what="the end of the first bridge")
+    probe.states.clear()
+    started_s = time.monotonic()
+    bridge(graph_host, listen_s=LISTEN_S, expected_sources="button witness")
+    graph_host.until(lambda: len(probe.states) >= 5, what="the states of its successor")
+    assert {engaged for _, engaged in probe.states} == {False}
+    assert probe.states[0][0] - started_s >= SHORT_LISTEN_S
+
+
+def test_bridge_expects_the_button_by_default(graph_host: GraphHost) -> None:
+    from lupin_runtime.safety.node import EstopBridge
+
+    graph_host.add(EstopBridge({"listen_s": 0.0}))
+    probe = Probe(graph_host)
+    assert probe.engaged
+    graph_host.until(lambda: probe.status and probe.status[-1]["reasons"] == [UNHEARD[BUTTON]], what="the reason")
+
+
+def test_press_counts_that_a_bridge_without_the_button_missed(graph_host: GraphHost) -> None:
+    """The bridge is engaged already, but no mission may start and no arm may move as if nobody had pressed."""
+    from lupin_runtime.safety.node import EstopWitness
+
+    # The bridge listens on another topic, as if it had not discovered the button.
+    bridge(graph_host, expected_sources="button", button_topic="/undiscovered")
+    graph_host.add(EstopWitness({"listen_s": 0.0, "button_silence_engages": False}))
+    probe = Probe(graph_host)
+    graph_host.until(lambda: probe.status, what="the status")
+    assert probe.status[-1]["reasons"] == [UNHEARD[BUTTON]] and probe.status[-1]["presses"] == 0
+    probe.press(True)
+    probe.press(False)
+    graph_host.until(lambda: probe.status[-1]["presses"] == 1, what="the count of the press")
+    graph_host.until(lambda: probe.status[-1]["reasons"] == [UNHEARD[BUTTON]], what="the end of the missed press")
+    assert {engaged for _, engaged in probe.states} == {True}

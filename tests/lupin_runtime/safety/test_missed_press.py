@@ -105,3 +105,13 @@ def test_answered_press_is_not_missed_in_any_order_of_arrival(at: int, answer: i
         else:
             press.state(event == "engaged", now_ns)
     assert not press.tick(9 * S)
+
+
+def test_state_engaged_for_an_unheard_source_answers_no_press() -> None:
+    press = MissedPress()
+    press.state(True, S)
+    press.note_no_press()
+    press.button(True, S)
+    press.button(False, S)
+    press.note_no_press()
+    assert press.tick(S + ANSWER_NS + 1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from lupin_runtime.stack.mission_start import ANSWER_TIMEOUT_S, MissionStart
+from lupin_runtime.stack.mission_start import ANSWER_TIMEOUT_S, RELEASE_S, SOURCES_TIMEOUT_S, MissionStart
 
 
 @dataclass
@@ -20,7 +20,7 @@ class Rig:
     """A start, with a service that answers when the test calls `answer`."""
 
     def __init__(self) -> None:
-        self.ready, self.pressed = True, False
+        self.ready, self.pressed, self.estop_waits = True, False, False
         self.state: State | None = State("", "READY")
         self.requests: list[Callable[[bool, str], None]] = []
         self.now_s = 100.0
@@ -28,7 +28,7 @@ class Rig:
 
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds / 0.1)):
-            self.start.step(self.now_s, self.state, self.pressed)
+            self.start.step(self.now_s, self.state, self.pressed, self.estop_waits)
             self.now_s += 0.1
 
     def answer(self, accepted: bool, text: str) -> None:
@@ -106,3 +106,30 @@ def test_press_before_the_request_starts_nothing(rig: Rig) -> None:
     rig.ready = rig.pressed = True
     rig.wait(1.0)
     assert rig.requests == [] and "e-stop was pressed" in rig.start.refusal
+
+
+def test_request_waits_until_the_estop_has_heard_every_source(rig: Rig) -> None:
+    rig.estop_waits = True
+    rig.wait(SOURCES_TIMEOUT_S - 1.0)
+    rig.estop_waits = False
+    rig.wait(RELEASE_S - 0.5)
+    assert rig.requests == [] and rig.end == ("", "")
+    rig.wait(1.0)
+    rig.answer(True, "lupin-1")
+    assert rig.end == ("lupin-1", "")
+
+
+def test_source_that_is_never_heard_ends_the_start_refused(rig: Rig) -> None:
+    rig.estop_waits = True
+    rig.wait(SOURCES_TIMEOUT_S + RELEASE_S + 0.5)
+    rig.answer(False, "e-stop engaged")
+    rig.wait(1.5)
+    assert rig.end == ("", "e-stop engaged")
+
+
+@pytest.mark.parametrize("changes", [{"pressed": True}, {"state": State("browser-1", "EXPLORING")}])
+def test_wait_for_the_estop_hides_no_press_and_no_mission(rig: Rig, changes: dict[str, object]) -> None:
+    rig.estop_waits = True
+    vars(rig).update(changes)
+    rig.wait(0.5)
+    assert rig.requests == [] and rig.end != ("", "")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from lupin_runtime.stack.onboard import onboard_options
 from lupin_runtime.stack.options import ONBOARD, Options
 from lupin_runtime.stack.table import rows
 from tests.support.waiting import wait_until
@@ -44,6 +45,16 @@ def test_onboard_nodes_use_the_robots_sink_and_color_order() -> None:
     parameters = {node.path.split(":")[1]: dict(node.parameters(options)) for row in rows(options) for node in row.nodes}
     assert parameters["TwistMux"]["sink"] == "robot"
     assert parameters["LightStripBridge"] == {"color_order": "BRG"}
+
+
+@pytest.mark.parametrize(
+    ("environment", "expected"),
+    [({}, "button witness"), ({"LUPIN_ESTOP_BUTTON": "yes"}, "button witness"), ({"LUPIN_ESTOP_BUTTON": "No "}, "witness")],
+)
+def test_robot_without_a_button_expects_none(environment: dict[str, str], expected: str) -> None:
+    options = onboard_options(environment)
+    (estop,) = (node for row in rows(options) if row.name == "estop" for node in row.nodes)
+    assert options.target == ONBOARD and estop.parameters(options)["expected_sources"] == expected
 
 
 @pytest.mark.graph

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,20 @@ def test_up_starts_every_node_that_a_mission_needs(options: Options) -> None:
 def test_images_cross_the_wireless_link_as_jpeg_only() -> None:
     assert nodes(LAPTOP)["TagAnnotator"].parameters(LAPTOP)["compressed"] is True
     assert "compressed" not in nodes(SIMULATED)["TagAnnotator"].parameters(SIMULATED)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (Options(), "button witness"),
+        (Options(console=True), "button console witness"),
+        (ONBOARD, "button witness"),
+        (replace(ONBOARD, estop_button=False), "witness"),
+        (replace(ONBOARD, console=True), "button witness"),  # consoles run on laptops
+    ],
+)
+def test_estop_expects_the_sources_that_start_with_it(options: Options, expected: str) -> None:
+    assert nodes(options)["EstopBridge"].parameters(options)["expected_sources"] == expected
 
 
 def test_drive_bus_uses_the_sink_of_its_target() -> None:
