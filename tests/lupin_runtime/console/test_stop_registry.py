@@ -154,7 +154,7 @@ def presses(stops: StopRegistry) -> list[str]:
     return [hold.press for hold in stops.reasons()]
 
 
-def test_whoever_holds_the_stop_lets_go_of_it_and_of_nothing_else() -> None:
+def test_holder_lets_go_of_its_own_stop_only() -> None:
     stops = registry("viewer", "driver")
     stops.set_stop("viewer", True, 0, "press:1")
     stops.set_stop("driver", True, 0, "press:2")
