@@ -121,7 +121,7 @@ MOVES_NOTHING = {
 
 
 def test_every_command_is_known_to_move_the_robot_or_not() -> None:
-    rows = (*graph.topics(), *graph.services(), *graph.actions())
+    rows: list[graph.Topic | graph.Service | graph.Action] = [*graph.topics(), *graph.services(), *graph.actions()]
     commands = {row.name: row.moves for row in rows if row.console == graph.BY_OPERATOR}
     assert {name for name, moves in commands.items() if not moves} == MOVES_NOTHING
     assert not [row.name for row in rows if row.moves and row.console != graph.BY_OPERATOR]
