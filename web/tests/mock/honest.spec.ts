@@ -11,7 +11,7 @@ test("a goal that navigation drives to is not called standing still", async ({ p
   const surface = page.locator("[aria-describedby=map-keys]");
   await surface.focus();
   await page.keyboard.press("g");
-  for (let step = 0; step < 8; step += 1) await page.keyboard.press("ArrowRight");
+  for (let step = 0; step < 15; step += 1) await page.keyboard.press("ArrowRight");
   await expect(page.getByTestId("send-pose")).toBeEnabled();
   await page.keyboard.press("Enter");
   await expect(sentence).toHaveText("Driving to a goal");

@@ -1,5 +1,5 @@
 import { Check, Navigation, X } from "lucide-react";
-import { type ReactNode, useEffect } from "react";
+import { type ReactNode, useEffect, useLayoutEffect } from "react";
 import { TOPICS } from "@/generated/graph";
 import { useNow } from "@/hooks/use_now";
 import { useMotionObstacles, useRelocationObstacles } from "@/hooks/use_situation";
@@ -80,8 +80,8 @@ function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null })
     const tag = draft.name;
     if (kind === "approach" && tag !== undefined) changeApproach(tag, pose).then(() => showDone(text("map_approach_stored", { tag })), showProblem);
   };
-  // The map's Enter key does what the button does, and nothing where it is disabled.
-  useEffect(() => {
+  // The map's Enter key does what the button does, from the moment that it is shown, and nothing where it is disabled.
+  useLayoutEffect(() => {
     draftSender.send = canSend ? send : null;
     return () => {
       draftSender.send = null;
