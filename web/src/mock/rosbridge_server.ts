@@ -88,6 +88,8 @@ class Client implements Socket {
   onclose: (() => void) | null = null;
   onmessage: ((event: { data: unknown }) => void) | null = null;
   private subscriptions = new Map<string, Subscription>();
+  /** The ids of the goals that drive. */
+  private drives = new Set<string>();
 
   constructor(private readonly server: RosbridgeServer) {}
 
@@ -125,7 +127,8 @@ class Client implements Socket {
         this.goalSent(id, String(frame["action"]), (frame["args"] ?? {}) as Frame);
         break;
       case "cancel_action_goal":
-        this.server.robot.world.cancelGoal();
+        // Not where only a path was asked for.
+        if (this.drives.delete(id)) this.server.robot.world.cancelGoal();
         break;
     }
   }
@@ -209,7 +212,9 @@ class Client implements Socket {
         };
         this.answer({ op: "action_feedback", id, action, values });
       }, FEEDBACK_MS);
+      this.drives.add(id);
       world.sendGoal(to, (status) => {
+        this.drives.delete(id);
         clearInterval(timer);
         end({ error_code: 0, error_msg: "" }, status);
       });
