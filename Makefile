@@ -8,7 +8,7 @@ INTERFACES := $(shell find interfaces -name '*.msg' -o -name '*.srv' -o -name '*
 KERNELS := $(shell find lupin_runtime -name '_kernels.c' -o -name '*.h')
 PAGE := $(shell find web -type f -not -path '*/node_modules/*' -not -path '*/dist/*')
 
-.PHONY: setup mission test test-long test-page test-core test-graph test-host test-mission judge coverage lint bench lock wheel clean
+.PHONY: setup mission test test-long test-page test-core test-graph test-host test-mission test-live judge coverage lint bench lock wheel clean
 
 setup: $(VENV)/.lupin $(VENV)/.page
 
@@ -29,7 +29,7 @@ test: setup lint test-core test-page test-graph test-host test-mission judge
 
 test-long: LENGTH := long
 test-long: PAGE_TESTS :=
-test-long: setup test-core test-page test-graph test-host test-mission judge
+test-long: setup test-core test-page test-graph test-host test-mission test-live judge
 
 test-core: setup
 	$(PY) -m pytest -q $(PYTEST_OPTIONS) -n 2 -m "not graph and not sim and not host and not mission and $(LENGTH)" tests
@@ -50,6 +50,10 @@ test-host: setup
 
 test-mission: setup
 	$(AGAIN) pytest mission $(PYTEST_OPTIONS) -m "mission and $(LENGTH)" tests
+
+# The page in Chromium against whole runs, about fifteen minutes.
+test-live: setup
+	$(PY) tools/build_page.py live
 
 judge: setup
 	$(AGAIN) judge $(TIMED_STAGES)
