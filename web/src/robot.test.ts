@@ -174,7 +174,7 @@ describe("the one gate of the page", () => {
 describe("the release", () => {
   const phone = (press: string): ConsoleState["stop"][number] => ({ kind: "pressed", text: "", press, name: "phone-2", age_s: 0 });
 
-  it("names the stops that were shown before it was held, and no later one", async () => {
+  it("names this browser's stops, and those of others that were shown before it was held", async () => {
     const { robot } = await openPage("stopped", "own");
     const { showStops } = await import("@/api/console_store");
     const bodies: Record<string, unknown>[] = [];
@@ -184,10 +184,11 @@ describe("the release", () => {
     });
     showStops([phone("press:old")]);
     await vi.advanceTimersByTimeAsync(1100);
-    showStops([phone("press:old"), phone("press:new")]);
+    const former = { ...phone("press:former"), name: OWN };
+    showStops([phone("press:old"), phone("press:new"), former]);
     const own = robot.gate.press;
     await expect(robot.release()).rejects.toThrow("still_holds");
-    expect(bodies).toEqual([{ action: "take" }, { engaged: false, presses: [own, "press:old"] }]);
+    expect(bodies).toEqual([{ action: "take" }, { engaged: false, presses: [own, "press:old", "press:former"] }]);
     expect(robot.gate.engaged).toBe(true);
   });
 });

@@ -201,14 +201,14 @@ function stopWithoutLink(): void {
     .catch(() => {});
 }
 
-/** A stop that came while the release was held was not seen when that began. */
+/** A stop of another browser that came while the release was held was not seen when that began. */
 const SEEN_MS = 1000;
 
-/** Take control, release this page's stop and those that the operator has seen, and open the gate. Throws ApiError and TextError. */
+/** Take control, release this browser's stops and those of others that the operator has seen, and open the gate. Throws ApiError and TextError. */
 export async function release(): Promise<void> {
-  const { stop: stops, stopShownMs } = useConsole.getState();
+  const { stop: stops, stopShownMs, session } = useConsole.getState();
   const shownBeforeMs = performance.now() - SEEN_MS;
-  const seen = stops.filter(({ press }) => press !== null && (stopShownMs[press] ?? Infinity) <= shownBeforeMs);
+  const seen = stops.filter(({ press, name }) => press !== null && (name === session?.name || (stopShownMs[press] ?? Infinity) <= shownBeforeMs));
   await releaseStop({ gate, ask, restate: stopWithoutLink, seen });
 }
 

@@ -34,11 +34,11 @@ test("a page that is not open for driving sets nothing in motion, and holds noth
   await takeControl(ada);
   await explore(ada);
   await lease(ada, "Give up control");
-  await expect(bob.getByTestId("control")).toHaveText("Nobody has control");
+  await expect(bob.getByTestId("control")).toContainText("Nobody has control");
 
   // A light takes control, and the mission drives on.
   await order(bob, "light purple");
-  await expect(bob.getByTestId("control")).toHaveText("You have control");
+  await expect(bob.getByTestId("control")).toContainText("You have control");
   for (let second = 0; second < 4; second += 1) {
     await bob.waitForTimeout(1000);
     await untilMoving();
@@ -48,10 +48,10 @@ test("a page that is not open for driving sets nothing in motion, and holds noth
   // Control that was given up stays given up; taking it again is no silence.
   await lease(bob, "Give up control");
   await bob.waitForTimeout(1500);
-  await expect(bob.getByTestId("control")).toHaveText("Nobody has control");
+  await expect(bob.getByTestId("control")).toContainText("Nobody has control");
   await lease(bob, "Take control");
   await bob.waitForTimeout(2500);
-  await expect(bob.getByTestId("control")).toHaveText("You have control");
+  await expect(bob.getByTestId("control")).toContainText("You have control");
   await expect(stopOf(bob)).not.toContainText("Stopped");
 
   // It pauses what moves, and resumes nothing before it was opened.
