@@ -191,5 +191,17 @@ describe("the release", () => {
     expect(bodies).toEqual([{ action: "take" }, { engaged: false, presses: [own, "press:old", "press:former"] }]);
     expect(robot.gate.engaged).toBe(true);
   });
-});
 
+  it.each([true, false])("tells the drive bus that the sticks rest, where the robot was stopped: %s", async (wasStopped) => {
+    const { robot } = await openPage("startup", "own");
+    const { showStops } = await import("@/api/console_store");
+    vi.stubGlobal("fetch", () => Promise.resolve(Response.json({ stop: [] })));
+    if (wasStopped) showStops([phone("press:old")]);
+    await vi.advanceTimersByTimeAsync(1100);
+    frames = [];
+    await robot.release();
+    await vi.advanceTimersByTimeAsync(2000);
+    expect(velocities().length).toBe(wasStopped ? 1 : 0);
+    expect(robot.gate.engaged).toBe(false);
+  });
+});

@@ -210,6 +210,9 @@ export async function release(): Promise<void> {
   const shownBeforeMs = performance.now() - SEEN_MS;
   const seen = stops.filter(({ press, name }) => press !== null && (name === session?.name || (stopShownMs[press] ?? Infinity) <= shownBeforeMs));
   await releaseStop({ gate, ask, restate: stopWithoutLink, seen });
+  // After a stop, the drive bus passes a stick on once it has heard of it at rest, or nothing for 2 s. Where nothing was stopped,
+  // a zero would hold what drives.
+  if (stops.length > 0) sendVelocity(ZERO);
 }
 
 /** Let go of this page's stop. The robot stays stopped while anything else holds it. */
