@@ -33,6 +33,8 @@ MOVED_M, MOVED_RAD = 0.05, 0.05
 AT_REST_RAD = 0.02
 SEQUENCE = "release_rig"
 MOTION_TIMEOUT_S = 20.0
+# What was sent is handled within this time: before it begins to move, the arm would be found at rest.
+ARRIVAL_S = 0.5
 # A killed process counts as a publisher of the e-stop until its DDS lease expires, which the nodes notice at different times. A
 # goal that comes in between is refused, and an operator would send it again.
 ATTEMPTS_AFTER_RESTART = 3
@@ -203,6 +205,7 @@ class ReleaseRig(GraphClient):
                 self.set_estop(True)
                 time.sleep(press_s)
                 source.while_engaged(self)
+                time.sleep(ARRIVAL_S)
             self.wait_for_rest()
             began_s, x, y = self.wait_for_position()
             joints = self._joint_history[-1]
