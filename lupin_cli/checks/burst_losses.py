@@ -6,7 +6,7 @@ import re
 
 from lupin_cli.link.path import SMALL_BYTES, Burst, End, Path
 
-PASSES, LOST = 0.9, 0.1  # shares of packets: a layer that delivers more works; one that delivers less passes nothing
+PASSES, LOST = 0.95, 0.1  # shares of packets: a layer that delivers more works; one that delivers less passes nothing
 LIMITED = 0.2
 # Rules of nft and iptables that take some of the packets: above a rate, or at random.
 TAKES_SOME = re.compile(r"\budp\b.*(limit rate over|numgen random)|-p udp .*(hashlimit|--limit|statistic)")

@@ -176,6 +176,7 @@ def _wrong_server(
         "process-wrong-server",
         where=machine,
         severity=severity,
+        about=f"{machine} {processes[0].server}",
         cause=f"{subject} {what}",
         evidence=(*(process.line("ROS_DISCOVERY_SERVER") for process in processes[:_SHOWN_PROCESSES]), *known),
         breaks=(EVERYTHING,) if machine == "robot" else (),

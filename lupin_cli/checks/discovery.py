@@ -93,7 +93,8 @@ def _disabled_server(snapshot: Snapshot, log: DiscoveryLog) -> Finding:
         + (f": MIRTE_FASTDDS is {log.switch!r}, and the script wants 'true'" if log.switch not in ("", "false") else ""),
         evidence=(f"~/.mirte_settings.sh: MIRTE_FASTDDS={log.switch or '(unset)'}", f"mirte-ros.service: {log.vendor}"),
         command=command_on_robot(snapshot, _SWITCH_ON),
-        explains=OVER_GRAPH | {"process-multicast-only"},
+        # The vendor's programs take any other value for the address of a server elsewhere.
+        explains=OVER_GRAPH | {"process-multicast-only", f"process-wrong-server:robot {log.switch}"},
     )
 
 

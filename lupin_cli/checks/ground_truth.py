@@ -103,6 +103,7 @@ class GroundTruth:
     missing_nodes: tuple[str, ...] = ()
     losses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # part of the robot → evidence
     unobserved: tuple[str, ...] = ()
+    visit_s: float = 0.0  # how long the visit of the graph took
 
     @property
     def heard(self) -> int:
@@ -202,6 +203,7 @@ def _judge(snapshot: Snapshot, graph: Graph) -> GroundTruth:
         _missing_nodes(graph, losses),
         losses,
         () if losses else tuple(unobserved),
+        graph.visit_s,
     )
 
 

@@ -135,7 +135,7 @@ def find_unreachable_robot(snapshot: Snapshot) -> Iterator[Finding]:
             meaning = (
                 "the laptop is on its network, and nothing answers at that address: the robot or its end of the link is off"
             )
-    elif taken := _taken_by_own_filter(snapshot):
+    elif not link.unasked and (taken := _taken_by_own_filter(snapshot)):
         meaning, where = f"this machine's own packet filter {taken}", "laptop"
         fix = let_packets_pass(snapshot, "laptop", (), [SSH_PORT], "", link.address, incoming=taken == _DROPS_ANSWERS)
     elif alive and link.kind in _NO_ANSWER and (heard_at := _other_address(snapshot)) in own_hosts(snapshot):

@@ -73,7 +73,10 @@ def find_path_faults(snapshot: Snapshot) -> Iterator[Finding]:
         return
     broken = ground_truth.measure(snapshot).state is ground_truth.State.BROKEN
     if broken:
-        if faults := [*_end_faults(snapshot, path)] or [*_wrong_neighbors(snapshot, path)] or [*_dead_link(snapshot, path)]:
+        for find in (_end_faults, _wrong_neighbors, _dead_link, _silent_robot):
+            if faults := [*find(snapshot, path)]:
+                break
+        if faults:
             yield from faults
             return  # packets that take another way than the data, or none, say nothing about what is above
         yield from _failing_packets(snapshot, path)
@@ -192,6 +195,29 @@ def _dead_link(snapshot: Snapshot, path: Path) -> Iterator[Finding]:
         "although both have a carrier: a switch or access point in between, or the radio, is down",
         evidence=(path.laptop.line(), *((path.robot.line(),) if path.robot else ()), up.line(), down.line()),
         explains=_ABOVE,
+        **try_another_transport(snapshot),
+    )
+
+
+def _silent_robot(snapshot: Snapshot, path: Path) -> Iterator[Finding]:
+    """Yield a finding if the robot answers nothing, although the login failed for a reason of the laptop's own."""
+    link, ping = snapshot.link, path.ping
+    if link is None or not link.unasked or path.robot is not None or ping is None or path.knock is None:
+        return
+    if ping.received or path.knock.answered or set(path.answers.values()) - {SILENT}:
+        return
+    yield make_finding(
+        "link-dead",
+        where="link",
+        cause=f"nothing at {path.address} answers, neither ping nor a datagram nor sshd: the robot is off, or packets to it or "
+        "back are lost",
+        evidence=(
+            path.laptop.line(),
+            f"ping {path.address}: {ping.received} of {ping.sent} answered",
+            *(f"a datagram to UDP {port} of {path.address}: {answer}" for port, answer in path.answers.items()),
+            path.knock.line(),
+        ),
+        explains=_ABOVE - {"robot-unreachable"},
         **try_another_transport(snapshot),
     )
 

@@ -40,6 +40,7 @@ MAX_FIX_ROUNDS = 3
 MAX_PARALLEL_ROBOTS = 20
 PATH_CHECKS = tuple(check.name for check in path_checks.CHECKS)
 SLOW_ROUND_TRIP_S, LATE_ROUND_TRIP_S = 0.1, 0.3
+LATE_VISIT_S = 4.0  # a visit of a working robot takes about two; a lost discovery packet is sent again seconds later
 CLOCK_CHECK = "clock.drift"
 MANY_TIMEOUTS = 3  # of a robot's probes
 LOSS_MAY_CAUSE = ("timeout", "silent", "lost")  # kinds of failed connections that a link can cause which loses packets
@@ -197,7 +198,10 @@ class DoctorSession:
         )
         diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
         if snapshot.path is None and (
-            _is_lost_on_the_way(snapshot, diagnosis) or _may_lose_packets(snapshot.link) or _answers_are_missing(snapshot)
+            _is_lost_on_the_way(snapshot, diagnosis)
+            or _may_lose_packets(snapshot.link)
+            or _answers_are_missing(snapshot)
+            or measure(snapshot).visit_s > LATE_VISIT_S  # the next program that joins may not be as lucky
         ):
             snapshot = replace(snapshot, path=self._measure_path(snapshot))
             diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
@@ -223,7 +227,8 @@ class DoctorSession:
         if not address.replace(".", "").isdigit():
             return None
         robot = self._target if snapshot.link.reachable and not _takes_too_long(snapshot) else None
-        sshd = (snapshot.link.address, self._sshd_port()) if snapshot.link.kind == "timeout" else None
+        knocks = snapshot.link.kind == "timeout" or snapshot.link.unasked
+        sshd = (snapshot.link.address, self._sshd_port()) if knocks else None
         return measure_from(self.scope.laptop, robot, address, self._on_layer, sshd)
 
     def _sshd_port(self) -> int:

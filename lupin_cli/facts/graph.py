@@ -118,6 +118,7 @@ class Graph:
     environment: tuple[tuple[str, str], ...]
     error: str = ""
     joined_s: float = 0.0
+    visit_s: float = 0.0  # from the start until everything had answered or timed out
     nodes: tuple[str, ...] = ()
     topics: tuple[ObservedTopic, ...] = ()
     samples: tuple[tuple[str, int], ...] = ()  # number of samples received, for each topic with a publisher
@@ -205,6 +206,7 @@ def _graph(document: Mapping[str, Any]) -> Graph:
         kind=str(document["kind"]),
         environment=environment,
         joined_s=float(document["joined_s"]),
+        visit_s=float(document.get("visit_s", 0.0)),
         nodes=tuple(document["nodes"]),
         topics=tuple(
             ObservedTopic(t["name"], _endpoints(t["publishers"]), _endpoints(t["subscribers"])) for t in document["topics"]

@@ -30,3 +30,8 @@ class Link:
     def reachable(self) -> bool:
         """Whether the robot answered."""
         return not self.kind
+
+    @property
+    def unasked(self) -> bool:
+        """Whether the connection failed on this machine or before the robot, so that it says nothing about the robot."""
+        return self.kind in ("ssh-config", "jump", "private-key", "no-key")

@@ -36,7 +36,7 @@ ASKED_PORTS = (CLOSED_PORT, 7599, DISCOVERY_PORT)
 PACED_PER_PORT = 3
 NOT_PERMITTED = "Operation not permitted"  # what a program gets if a packet filter of its own machine drops what it sends
 TOO_LONG = "Message too long"  # for a packet larger than the MTU of its own interface that must not be fragmented
-SOME_LOST = 0.9  # a share of packets below which it is examined what takes the others
+SOME_LOST = 0.95  # a share of packets below which it is examined what takes the others
 ARP_TRIES = 3  # how often a burst is sent whose packets ARP may have taken away
 IDLE_S = 0.3
 UNREAD_AFTER_S = 0.4  # a program that runs has read its socket by then, even on a busy robot
@@ -172,6 +172,7 @@ class Knock:
     unsent: int = 0
     taken: int = 0
     taken_before: int = 0
+    answered: int = 0
 
     @property
     def loses_answers(self) -> bool:
@@ -182,7 +183,7 @@ class Knock:
         """Return the counts in one line."""
         return (
             f"{KNOCKS} connections to sshd: {self.unsent} packets could not leave this machine; "
-            f"{self.taken} came in and were dropped before any socket"
+            f"{self.taken} came in and were dropped before any socket; {self.answered} connections were answered"
         )
 
 
@@ -197,7 +198,7 @@ class Path:
     ping: Ping | None = None
     answers: Mapping[int, str] = field(default_factory=dict)  # what a datagram to a port of the robot gave: `Agent.answers`
     unread: tuple[UnreadSocket, ...] = ()
-    knock: Knock | None = None  # measured only if connections to the robot's sshd time out
+    knock: Knock | None = None  # measured only if connections to the robot's sshd time out, or none was tried
     filters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # machine → rules that drop, as far as readable
     unmeasured: str = ""
 
@@ -221,7 +222,7 @@ def measure_path(
     """Measure the path to the robot's `address`; without `robot`, only what one end can see. Takes about two seconds.
 
     `on_layer` is called with the name of each layer before it is measured. `sshd` is the address and port of an sshd to which
-    no connection could be opened.
+    no connection could be opened, or none was tried.
     """
     on_layer("route")
     laptop_end = End.of("laptop", laptop, address)

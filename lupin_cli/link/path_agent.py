@@ -7,6 +7,7 @@ answers every line of JSON on its standard input, `{"do": METHOD, ...}`, with on
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import random
@@ -171,20 +172,23 @@ class Agent:
         """Try to open TCP connections, and count the packets of this machine that its own kernel took.
 
         `unsent` could not be sent again: something here drops them before they leave. `taken` came in and were dropped before
-        any socket; `taken_before` were in the third of that time before the attempt.
+        any socket; `taken_before` were in the third of that time before the attempt. `answered` connections were accepted or
+        refused by the other machine.
         """
         before = _kernel_counters()
         time.sleep(IDLE_S)
         idle = _kernel_counters()
         with contextlib.ExitStack() as stack:
-            for _ in range(KNOCKS):
-                connection = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+            connections = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) for _ in range(KNOCKS)]
+            for connection in connections:
                 connection.setblocking(False)
                 connection.connect_ex((address, port))
             time.sleep(KNOCK_S)
+            answered = sum(_is_answered(connection) for connection in connections)
         after = _kernel_counters()
         unsent = after.get("TcpExtTCPRetransFail", 0) - idle.get("TcpExtTCPRetransFail", 0)
-        return {"unsent": unsent, "taken": taken_packets(idle, after), "taken_before": taken_packets(before, idle)}
+        counts = {"taken": taken_packets(idle, after), "taken_before": taken_packets(before, idle)}
+        return {"unsent": unsent, **counts, "answered": answered}
 
     def describe(self, address: str) -> dict[str, Any]:
         """Return this end of the path to `address`: interface, own address, MTU, carrier; `error` if there is no route.
@@ -346,6 +350,16 @@ def _counters_of(interface: str) -> dict[str, int]:
     folder = f"/sys/class/net/{interface}/statistics/"
     found = {name: int(_read(folder + name) or 0) for name in ("rx_packets", "tx_packets", "rx_dropped", "rx_errors")}
     return {"uptime_ns": time.monotonic_ns(), **found, **_kernel_counters()}
+
+
+def _is_answered(connection: socket.socket) -> bool:
+    """Return whether a connection that was begun has been accepted, or refused by the other machine."""
+    error = connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+    if error:
+        return error == errno.ECONNREFUSED
+    with contextlib.suppress(OSError):
+        return bool(connection.getpeername())
+    return False
 
 
 def _refusals() -> int:

@@ -118,7 +118,7 @@ class GraphSession:
             return has_names and now_s - since_s > settle_s
 
         self.until(settled, JOIN_TIMEOUT_S)
-        return round(time.monotonic() - self._started_s, 3)
+        return self.elapsed_s()
 
     def _subscribe_and_call(self) -> None:
         """Subscribe to the topics and call the services that have appeared since the last time."""
@@ -325,11 +325,14 @@ class GraphSession:
                 waiting.append((since_s, RATE_WINDOW_S))
         return waiting
 
+    def elapsed_s(self) -> float:
+        """Return the seconds since the start of this visit."""
+        return round(time.monotonic() - self._started_s, 3)
+
     def busy_fraction(self) -> float | None:
         """Return the share of its time in which this process computed, or waited for a processor; None if it is not known."""
         now_s = _processor_time_s()
-        elapsed_s = time.monotonic() - self._started_s
-        return None if now_s is None or self._begun is None else round((now_s - self._begun) / max(elapsed_s, 0.001), 2)
+        return None if now_s is None or self._begun is None else round((now_s - self._begun) / max(self.elapsed_s(), 0.001), 2)
 
     def _calls_waited_for(self) -> list[tuple[float, float]]:
         """Return (start of the wait, timeout in seconds) of every call without a response."""
@@ -376,7 +379,7 @@ def probe_graph() -> dict[str, Any]:
         joined_s = session.join()
         session.wait()
         session.add_timings()
-        busy = session.busy_fraction()
+        busy, visit_s = session.busy_fraction(), session.elapsed_s()
         # Names again: a healthy stack that has just started has gained endpoints meanwhile.
         names = session.names()
         drive_matched = session.matched_drive_inputs()
@@ -384,6 +387,7 @@ def probe_graph() -> dict[str, Any]:
         session.close()
     return {
         "joined_s": joined_s,
+        "visit_s": visit_s,
         **names,
         "drive_matched": drive_matched,
         "samples": session.samples,

@@ -195,6 +195,19 @@ def test_every_value_but_true_disables_the_server(healthy: Machines, value: str)
     assert finding.id == "discovery-server-switched-off"
 
 
+def test_server_that_the_setting_names_is_no_cause_of_its_own(healthy: Machines) -> None:
+    def asks(server: str) -> Machines:
+        environment = {"ROS_DISCOVERY_SERVER": server}
+        return (
+            healthy.with_robot("sockets", without_port(11811))
+            .with_robot("discovery-log", lambda log: replace(log, switch="1"))
+            .with_robot("ros-processes", lambda ps: tuple(replace(p, environment=environment) for p in ps if not p.is_server))
+        )
+
+    assert asks("1").root_ids() == ["discovery-server-switched-off"]
+    assert sorted(set(asks("10.9.9.9:11811").root_ids())) == ["discovery-server-switched-off", "process-wrong-server"]
+
+
 def test_other_program_on_server_port_is_named(healthy: Machines) -> None:
     faulty = healthy.with_robot("sockets", without_port(11811)).with_robot(
         "sockets",

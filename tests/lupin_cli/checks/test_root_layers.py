@@ -228,6 +228,8 @@ ROWS = (
         more=(too_long(UP), fragmented(UP, 0))),
     # -- loss: packets to any port
     Row("loss, link at random", {("loss", "link")}, lost("link", 29), lost("link", 33)),
+    Row("loss, one packet in fourteen, damaged", {("loss", "link")}, {**lost("receiver", 7), "filtered": 0, "damaged": 7}),
+    Row("loss, three of 96 packets are no cause", {("samples", "link")}, lost("link", 3)),
     Row("loss, link one way", {("loss", "link")}, lost("link", 29)),
     Row("loss, flipped bits", {("loss", "link")}, {**lost("receiver", 25), "filtered": 0, "damaged": 25},
         {**lost("receiver", 27), "filtered": 0, "damaged": 27}),
@@ -326,6 +328,15 @@ ROWS = (
     ),
     Row("login, jump host and nothing else answers", {("login", "link"), ("samples", "link")}, kind="jump", ping=DEAD,
         **UNASKED),
+    *(
+        Row(f"carrier, nothing answers, beside {kind}", {("login", where), ("carrier", "link")}, kind=kind, ping=DEAD,
+            answers=dict.fromkeys(REFUSED, "silent"), knock=Knock(), **UNASKED)
+        for kind, where in (("ssh-config", "laptop"), ("jump", "link"), ("private-key", "laptop"), ("no-key", "laptop"))
+    ),
+    Row("login, sshd answers and ping does not, beside ssh-config", {("login", "laptop"), ("samples", "link")}, ping=DEAD,
+        kind="ssh-config", answers=dict.fromkeys(REFUSED, "silent"), knock=Knock(answered=3), **UNASKED),
+    Row("login, laptop's own counters beside ssh-config", {("login", "laptop"), ("samples", "link")}, kind="ssh-config",
+        answers=REFUSED, knock=Knock(taken=6), **UNASKED),
 )  # fmt: skip
 
 

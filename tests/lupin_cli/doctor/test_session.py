@@ -18,10 +18,13 @@ from lupin_cli.connection.inventory import Config, Robot
 from lupin_cli.doctor.engine import diagnose
 from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, FixResult, examine_all
 from lupin_cli.facts import Fact, Facts
+from lupin_cli.facts.clock import Offset
+from lupin_cli.facts.graph import Graphs
 from lupin_cli.facts.link import Link
 from lupin_cli.link.path import End
 from lupin_cli.link.path import Path as MeasuredPath
 from lupin_cli.link.quality import Ping
+from tests.lupin_cli.checks.test_ground_truth import received
 from tests.support.optional import present
 from tests.support.snapshots import HEALTHY_ROBOT, captured, values
 
@@ -140,6 +143,30 @@ def test_path_of_a_robot_that_does_not_answer_is_measured(
     sshd = ("192.0.2.2", 2022) if kind == "timeout" else None
     assert asked == [(None, "192.0.2.2", sshd)] * measured
     assert roots == ["packets-lost"] * measured
+
+
+@pytest.mark.parametrize(("visit_s", "measured"), [(2.1, 0), (5.4, 1)])
+def test_path_is_measured_if_everything_arrived_late(
+    machine: type[ScriptedMachine], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, visit_s: float, measured: int
+) -> None:
+    asked: list[str] = []
+
+    def measure(_laptop: object, _robot: object, address: str, *_: object) -> MeasuredPath:
+        asked.append(address)
+        return MeasuredPath(address, End("laptop", "eth0", "192.0.2.1"))
+
+    graphs = Graphs((received(visit_s=visit_s),))
+    link = Link("pot", "192.0.2.2", transport="wired", clock=Offset(0.0, 0.001))
+    monkeypatch.setattr("lupin_cli.link.path.measure_from", measure)
+    monkeypatch.setattr(
+        "lupin_cli.doctor.session.gather_snapshot",
+        lambda *_: Snapshot(Facts("laptop", {"graph": graphs}), Facts("robot", {}), link),
+    )
+    monkeypatch.delenv("ROS_DISCOVERY_SERVER", raising=False)
+    robot = Robot("pot", {"wired": "192.0.2.2"})
+    session = DoctorSession(DoctorScope(path_checks.CHECKS, (), machine({}), robot, Config(tmp_path / "lupin.toml")))  # type: ignore[arg-type]
+    session.examine()
+    assert asked == ["192.0.2.2"] * measured
 
 
 @pytest.mark.parametrize(
