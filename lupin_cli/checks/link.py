@@ -29,7 +29,7 @@ class _Failure:
     """
 
     meaning: str
-    command: str = "ping -c 3 {address}"
+    command: str = "{shows}"  # what shows which transports answer; it needs no tool that may be missing
     where: str = "link"
     needs_life: bool = False
     instruction: str = ""  # what a person must know or do besides the command
@@ -104,7 +104,7 @@ _FAILURES = {
         where="robot",
         instruction="at the robot's own keyboard, correct the shell in /etc/passwd or its startup files; the command tries it",
     ),
-    "root": _Failure("sudo on the robot refuses this user", "{login} sudo -v", where="robot"),
+    "root": _Failure("sudo on the robot refuses this user", "{terminal} sudo true", where="robot"),
 }
 _OTHER_FAILURE = _Failure("the robot could not be asked")
 NO_WAY = ("address-missing", "no-route", "route-elsewhere")  # what follows if the laptop has left the robot's network
@@ -126,7 +126,10 @@ def find_unreachable_robot(snapshot: Snapshot) -> Iterator[Finding]:
     meaning, where, layer = failure.meaning, failure.where, "login"
     if failure.needs_life and not alive:
         where = "link"
-    command = _next_command(link) or failure.command.format(address=link.address, robot=link.robot, login=login)
+    terminal, shows = login.replace("ssh ", "ssh -t ", 1), show_transports(snapshot)
+    command = _next_command(link) or failure.command.format(
+        address=link.address, robot=link.robot, login=login, terminal=terminal, shows=shows
+    )
     fix = FixText(instruction=failure.instruction, command="" if failure.by_hand else command)
     is_down = link.kind in _NO_ANSWER and not alive
     if is_down:
@@ -202,8 +205,8 @@ def _address_is_silent(snapshot: Snapshot) -> bool:
 
 
 def _next_command(link: Link) -> str:
-    """Return the command that the failed connection advises; empty if that is the doctor itself."""
-    return "" if link.next_command.startswith("lupin doctor") else link.next_command
+    """Return the command that the failed connection advises; empty if the doctor itself or a better one takes its place."""
+    return "" if link.next_command.startswith(("lupin doctor", "ping ")) else link.next_command
 
 
 def _other_address(snapshot: Snapshot) -> str:

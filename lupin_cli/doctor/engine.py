@@ -10,6 +10,7 @@ from lupin_cli.checks import ground_truth
 from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
 from lupin_cli.checks.findings import NEED_VENDOR, OVER_GRAPH
 from lupin_cli.checks.ground_truth import GroundTruth, State
+from lupin_cli.checks.path import PACKETS
 from lupin_cli.doctor.areas import Area, judge_areas
 from lupin_cli.facts.base import Unknown
 from lupin_cli.printed_commands import complete
@@ -71,6 +72,7 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
     robot = snapshot.link.robot if snapshot.link is not None else ""
     roots = fold_consequences(name_robot(weigh_by_ground_truth(found, truth), robot))
     consequences = [finding for root in roots for finding in root.consequences]
+    truth = doubt_luck(truth, by_check.get(PACKETS, ()))
     return Diagnosis(
         checks=tuple(check.name for check in checks),
         roots=roots,
@@ -81,6 +83,15 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
         ground_truth=truth,
         areas=judge_areas(snapshot, truth, [root.finding for root in roots], consequences) if truth is not None else (),
     )
+
+
+def doubt_luck(truth: GroundTruth | None, of_path: Iterable[Finding]) -> GroundTruth | None:
+    """Return the ground truth, which is not healthy while the path has a problem: this visit got through by chance."""
+    problem = next((each for each in of_path if each.severity is Severity.PROBLEM), None)
+    if truth is None or truth.state is not State.HEALTHY or problem is None:
+        return truth
+    line = f"what a program hears that joins next: all data arrived this time, although {problem.cause}"
+    return replace(truth, state=State.UNOBSERVED, unobserved=(line,))
 
 
 def name_robot(findings: Iterable[Finding], robot: str) -> Iterable[Finding]:

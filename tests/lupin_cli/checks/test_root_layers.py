@@ -16,6 +16,7 @@ from lupin_cli.checks.base import Severity, Snapshot
 from lupin_cli.checks.drive import CHECKS as DRIVE
 from lupin_cli.checks.drive import SILENT_BUTTON
 from lupin_cli.checks.ground_truth import CHECKS as GROUND_TRUTH
+from lupin_cli.checks.ground_truth import State
 from lupin_cli.checks.link import CHECKS as LINK
 from lupin_cli.checks.path import CHECKS as PATH
 from lupin_cli.checks.path import find_path_faults
@@ -30,6 +31,7 @@ from lupin_cli.link.quality import Ping
 from lupin_runtime.safety.expected_sources import BUTTON, UNHEARD
 from tests.lupin_cli.checks.test_ground_truth import received
 from tests.support.findings import assert_findings_match_rows
+from tests.support.optional import present
 
 LAPTOP, ROBOT, AP_LAPTOP, AP_ROBOT = "10.42.0.2", "10.42.0.1", "192.168.42.7", "192.168.42.1"
 LAN0 = Address("lan0", LAPTOP, 24, "global", up=True, carrier=True)
@@ -104,7 +106,8 @@ class Row:
             addresses=self.addresses,
             kind=self.kind,
             message=f"{ROBOT}: {self.kind}",
-            next_command="ping -c 3 10.42.0.1",
+            next_command="ping -c 3 10.42.0.1" if self.kind == "timeout" else "",
+            login="ssh mirte@10.42.0.1",
             transport=self.transport,
         )
         return Snapshot(Facts("laptop", laptop), robot, link, path)
@@ -347,6 +350,21 @@ def test_root_has_layer_and_machine_of_the_fault(row: Row) -> None:
     roots = [root.finding for root in diagnosis.roots if root.finding.severity is Severity.PROBLEM]
     assert {(finding.layer, finding.where) for finding in roots} == row.expected, [finding.cause for finding in roots]
     assert all(finding.evidence and all(finding.evidence) for finding in roots)
+
+
+@pytest.mark.parametrize("number", [0, 29, 60])
+def test_data_that_arrives_through_a_lossy_path_is_not_called_healthy(number: int) -> None:
+    """A program that joins meets the others with a burst of packets: it may hear nothing where the doctor heard all."""
+    snapshot = Row("", set(), lost("sender", number)).snapshot
+    snapshot.laptop.values["graph"] = Graphs((received(),))
+    link = replace(present(snapshot.link), kind="", message="")
+    diagnosis = diagnose((*GROUND_TRUTH, *LINK, *PATH), replace(snapshot, link=link))
+    truth = present(diagnosis.ground_truth)
+    severities = [root.finding.severity for root in diagnosis.roots if root.finding.id == "packets-lost"]
+    most = number > 48
+    assert severities == ([Severity.PROBLEM] if most else [Severity.WARNING] if number else [])
+    assert truth.state is (State.UNOBSERVED if most else State.HEALTHY)
+    assert any("62% of the packets" in line for line in truth.unobserved) is most
 
 
 def test_every_layer_of_the_path_has_rows() -> None:
