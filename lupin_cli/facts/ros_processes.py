@@ -158,6 +158,8 @@ class RosProcess:
         """
         if self.state in ("T", "t"):
             return "it is stopped (as by Ctrl-Z) and does not respond"
+        if not self.arguments:
+            return ""  # it is ending: its memory has gone, and its sockets are about to
         if self.is_daemon or self.is_server or self.is_lupin or self.supervisor or not adopts(self.parent, self.parent_name):
             return ""
         return "its parent is gone"

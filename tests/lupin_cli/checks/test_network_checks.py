@@ -885,6 +885,12 @@ def test_only_an_adopted_process_is_stale(healthy: Machines, parent: int, name: 
     assert healthy.with_robot("ros-processes", adopted).root_ids() == (["zombie-process"] if is_stale else [])
 
 
+def test_adopted_process_that_is_ending_is_not_stale(healthy: Machines) -> None:
+    """Its command line has gone with its memory, its sockets have not yet."""
+    ending = changed(1, parent=1, parent_name="systemd", group=SESSION, arguments=())
+    assert healthy.with_robot("ros-processes", ending).root_ids() == []
+
+
 @pytest.mark.parametrize("difference", [{"user_id": 1001}, {"shared_memory": "99"}])
 def test_processes_that_cannot_share_memory_are_named(healthy: Machines, difference: dict[str, Any]) -> None:
     (finding,) = healthy.with_robot("ros-processes", changed(1, **difference)).root_findings()
