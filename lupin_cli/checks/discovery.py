@@ -31,7 +31,9 @@ def find_server_faults(snapshot: Snapshot) -> Iterator[Finding]:
         return
     bound = sockets.on("udp", DISCOVERY_PORT)
     clients = [each for each in processes if _asks_local_server(each)]
-    if log.vendor in ("active", "activating") and not log.server_enabled and not bound:
+    # A server that somebody else started serves nobody while the robot's programs only multicast.
+    in_use = bound and any(each.server and not (each.is_daemon or each.is_server) for each in processes)
+    if log.vendor in ("active", "activating") and not log.server_enabled and not in_use:
         yield _disabled_server(snapshot, log)
     elif bound:
         yield from _taken_port(snapshot, bound, processes)

@@ -195,6 +195,13 @@ def test_every_value_but_true_disables_the_server(healthy: Machines, value: str)
     assert finding.id == "discovery-server-switched-off"
 
 
+def test_disabled_server_is_named_though_somebody_started_one(healthy: Machines) -> None:
+    off = healthy.with_robot("discovery-log", "switched-off")
+    assert off.root_ids() == []  # the robot's programs ask it
+    silent = off.with_robot("ros-processes", lambda ps: tuple(p if p.is_server else replace(p, environment={}) for p in ps))
+    assert silent.root_ids() == ["discovery-server-switched-off"]
+
+
 def test_server_that_the_setting_names_is_no_cause_of_its_own(healthy: Machines) -> None:
     def asks(server: str) -> Machines:
         environment = {"ROS_DISCOVERY_SERVER": server}
