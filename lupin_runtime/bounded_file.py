@@ -1,4 +1,4 @@
-"""Opens and reads files that come from elsewhere: only regular files, and only up to a size.
+"""Opens and reads files that come from elsewhere: only regular files, only up to a size, and text as UTF-8.
 
 A path that somebody else chose may lead to a named pipe, which blocks, to /dev/zero, which never ends, or to a file that fills
 the memory. Here each of them is an OSError, whose `strerror` says what is wrong.
@@ -6,15 +6,35 @@ the memory. Here each of them is an OSError, whose `strerror` says what is wrong
 
 from __future__ import annotations
 
+import codecs
 import errno
+import io
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TextIO
 
 MAX_TEXT_BYTES = 16 << 20  # of a configuration, a journal or a document: far above what people and programs write
 MAX_IMAGE_BYTES = 512 << 20
 MAX_TRAJECTORY_BYTES = 256 << 20  # a TUM line has 100 bytes: a day at 20 Hz
+
+# The byte order marks of Unicode 16, 23.8, that no UTF-8 text begins with. That of UTF-32 begins with that of UTF-16.
+_OTHER_MARKS = {
+    codecs.BOM_UTF32_LE: "UTF-32",
+    codecs.BOM_UTF32_BE: "UTF-32",
+    codecs.BOM_UTF16_LE: "UTF-16",
+    codecs.BOM_UTF16_BE: "UTF-16",
+}
+_ENCODING = "utf-8-sig"  # UTF-8, of which a byte order mark at the beginning is no part of the text
+
+
+class NotUtf8(OSError):
+    """A text file in another encoding, with the line and column of the first byte that shows it."""
+
+    def __init__(self, problem: str, path: Path | str, line: int = 1, column: int = 1) -> None:
+        self.problem, self.line, self.column = f"{problem}; save it as UTF-8", line, column
+        super().__init__(errno.EILSEQ, self.problem, str(path))
+
 
 _KINDS = {
     stat.S_IFIFO: "a named pipe",
@@ -48,8 +68,45 @@ def read_bounded(path: Path | str, max_bytes: int = MAX_TEXT_BYTES) -> bytes:
 
 
 def read_bounded_text(path: Path | str, max_bytes: int = MAX_TEXT_BYTES, errors: str = "strict") -> str:
-    """Return the text of a UTF-8 file, its line ends as line feeds. Raises OSError and UnicodeDecodeError."""
-    return read_bounded(path, max_bytes).decode("utf-8", errors).replace("\r\n", "\n").replace("\r", "\n")
+    """Return the text of a file, as `decode_text` does. Raises OSError, also for another encoding."""
+    return decode_text(read_bounded(path, max_bytes), path, errors)
+
+
+def decode_text(content: bytes, path: Path | str, errors: str = "strict") -> str:
+    """Return the text of a UTF-8 file without its byte order mark, its line ends as line feeds.
+
+    Raises NotUtf8, which is an OSError.
+    """
+    _refuse_other_encoding(content, path)
+    try:
+        text = content.decode(_ENCODING, errors)
+    except UnicodeDecodeError as error:
+        before = content[: error.start]
+        line, column = before.count(b"\n") + 1, error.start - before.rfind(b"\n")
+        problem = f"is not UTF-8 here: line {line}, column {column}, byte 0x{content[error.start]:02x}"
+        raise NotUtf8(problem, path, line, column) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def open_text(path: Path | str) -> TextIO:
+    """Open a text file, for one that is read line by line; what is not UTF-8 is replaced. Raises OSError."""
+    file = open_regular(path)
+    try:
+        _refuse_other_encoding(file.read(4), path)
+        file.seek(0)
+        return io.TextIOWrapper(file, encoding=_ENCODING, errors="replace")
+    except BaseException:
+        file.close()
+        raise
+
+
+def _refuse_other_encoding(head: bytes, path: Path | str) -> None:
+    name = next((name for mark, name in _OTHER_MARKS.items() if head.startswith(mark)), "")
+    # Without a mark, the first character of nearly any text shows by its zero bytes.
+    if not name and len(head) > 1 and head[:2].count(0) == 1:
+        name = "UTF-16"
+    if name:
+        raise NotUtf8(f"is {name}", path)
 
 
 def is_file(path: Path | str) -> bool:

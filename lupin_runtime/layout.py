@@ -89,8 +89,8 @@ class LayoutText:
         """Read a file as UTF-8. Raises LayoutError."""
         try:
             return cls(read_bounded_text(path), str(path))
-        except (OSError, UnicodeDecodeError) as error:
-            raise LayoutError(f"{path}: the layout cannot be read: {error}") from error
+        except OSError as error:
+            raise LayoutError(f"{path}: the layout cannot be read: {error.strerror or error}") from error
 
     def parse(self) -> Layout:
         """Parse the layout, corners as they are written. Raises LayoutError."""

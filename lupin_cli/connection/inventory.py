@@ -88,8 +88,8 @@ def load(path: Path | None = None) -> Config:
         if named is not None:
             raise ConfigError(f"{found}: no such file", f"{ADD_EXAMPLE} --config {shlex.quote(str(found))}") from None
         return Config(found)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{found}: cannot be read: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"{found}: cannot be read: {error.strerror or error}") from error
     return parse(text, found)
 
 

@@ -76,7 +76,7 @@ def _decode(file: BinaryIO, where: str) -> str:
     if len(data) > MAX_BYTES:
         raise SecretError(f"{where} has more than {MAX_BYTES} bytes, which is no secret")
     try:
-        text = data.decode()
+        text = data.decode("utf-8-sig")  # without a byte order mark, but with its line breaks as they are
     except UnicodeDecodeError:
         raise SecretError(f"{where} is not UTF-8 text") from None  # the error would show the bytes
     text = text.removesuffix("\n").removesuffix("\r")

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 from yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
 
-from lupin_runtime.bounded_file import read_bounded
+from lupin_runtime.bounded_file import NotUtf8, decode_text, read_bounded
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20
@@ -85,16 +85,14 @@ class YamlSource:
         """Read a file; raises PlaybookError if it cannot be read."""
         try:
             data = read_bounded(path)
+            if len(data) > MAX_BYTES:
+                raise PlaybookError(f"has {len(data)} bytes; a playbook has at most {MAX_BYTES}", str(path))
+            text = decode_text(data, path)
+        except NotUtf8 as error:
+            raise PlaybookError(error.problem, Place(str(path), error.line, error.column)) from error
         except OSError as error:
             raise PlaybookError(f"cannot be read: {error.strerror or error}", str(path)) from error
-        if len(data) > MAX_BYTES:
-            raise PlaybookError(f"has {len(data)} bytes; a playbook has at most {MAX_BYTES}", str(path))
-        try:
-            return cls(str(path), data.decode())
-        except UnicodeDecodeError as error:
-            line = data[: error.start].count(b"\n") + 1
-            column = error.start - (data.rfind(b"\n", 0, error.start) + 1) + 1
-            raise PlaybookError("is not UTF-8 here", Place(str(path), line, column)) from error
+        return cls(str(path), text)
 
     def _compose(self, text: str) -> yaml.Node:
         try:

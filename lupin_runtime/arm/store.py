@@ -9,7 +9,7 @@ from typing import Any
 
 from lupin_runtime.arm.library import Library, LibraryError, StoredPose, StoredSequence, from_json, to_json, valid_name
 from lupin_runtime.atomic_file import write_atomically
-from lupin_runtime.bounded_file import read_bounded, read_bounded_text
+from lupin_runtime.bounded_file import NotUtf8, read_bounded, read_bounded_text
 
 
 def default_path() -> Path:
@@ -107,13 +107,13 @@ class LibraryStore:
             return from_json(read_bounded_text(self.path)), ""
         except FileNotFoundError:
             return Library(), ""
+        except (LibraryError, NotUtf8) as error:
+            return Library(), self._move_aside(f"{self.path}: {error}")
         except OSError as error:
             self._write_refusal = (
                 f"{self.path} cannot be read ({error.strerror}), so it is not written either; make it readable"
             )
             return Library(), self._write_refusal
-        except (LibraryError, UnicodeDecodeError) as error:
-            return Library(), self._move_aside(f"{self.path}: {error}")
 
     def _move_aside(self, found: str) -> str:
         number = 1

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from lupin_runtime.atomic_file import MalformedFile
-from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.bounded_file import NotUtf8, read_bounded_text
 from lupin_runtime.yaml_text import load_yaml
 
 CONFIGURATION = Path("/etc/lupin/cameras.yaml")
@@ -69,12 +69,11 @@ class CameraConfiguration:
 def read_configuration(path: Path = CONFIGURATION) -> CameraConfiguration:
     """Read the settings in a file; the defaults if there is no file. Raises MalformedFile and OSError."""
     try:
-        with open_regular(path) as file:
-            content = file.read(_MAX_BYTES + 1)
+        content = read_bounded_text(path, _MAX_BYTES)
     except FileNotFoundError:
         return CameraConfiguration()
-    if len(content) > _MAX_BYTES:
-        raise MalformedFile(path, None, f"more than {_MAX_BYTES} bytes")
+    except NotUtf8 as error:
+        raise MalformedFile(path, error.line, error.problem) from error
     try:
         read = load_yaml(content)
     except (yaml.YAMLError, ValueError, RecursionError) as error:

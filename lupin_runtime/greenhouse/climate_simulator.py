@@ -235,8 +235,8 @@ def _section(path: Path, name: str, node: yaml.Node | None) -> dict[str, yaml.No
 def _text(path: Path) -> str:
     try:
         return read_bounded_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise GreenhouseConfigError(f"{path}: cannot read the simulator configuration: {error}") from error
+    except OSError as error:
+        raise GreenhouseConfigError(f"{path}: cannot read the simulator configuration: {error.strerror or error}") from error
 
 
 def _is_number(value: Any) -> bool:

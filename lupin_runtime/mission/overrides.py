@@ -39,8 +39,8 @@ def load_overrides(path: Path) -> dict[str, Override]:
     """
     try:
         root = compose_yaml(read_bounded_text(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise OverridesError(f"{path}: cannot read the approach overrides: {error}") from error
+    except OSError as error:
+        raise OverridesError(f"{path}: cannot read the approach overrides: {error.strerror or error}") from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from lupin_runtime.atomic_file import MalformedFile
-from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.bounded_file import NotUtf8, read_bounded_text
 from lupin_runtime.perception.tag_pose_estimation import Intrinsics
 from lupin_runtime.yaml_text import load_yaml
 
@@ -19,10 +19,10 @@ MAX_COEFFICIENTS = 14  # of OpenCV's models
 
 def load_calibration(path: Path) -> tuple[Intrinsics, int]:
     """Return the camera and the width in pixels of the images that it was calibrated with. Raises MalformedFile and OSError."""
-    with open_regular(path) as file:
-        content = file.read(MAX_BYTES + 1)
-    if len(content) > MAX_BYTES:
-        raise MalformedFile(path, None, f"expected a calibration of at most {MAX_BYTES} bytes")
+    try:
+        content = read_bounded_text(path, MAX_BYTES)
+    except NotUtf8 as error:
+        raise MalformedFile(path, error.line, error.problem) from error
     try:
         document = load_yaml(content)
     except (yaml.YAMLError, ValueError, RecursionError) as error:

@@ -10,16 +10,16 @@ from __future__ import annotations
 import gzip
 import math
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TextIO
+from typing import TextIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile
-from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.bounded_file import open_regular, open_text
 from lupin_runtime.geometry import Pose2
 
 # A laser with 180 degrees of view, readings from right to left. 180 or 181 readings: 1 degree apart; 360 or 361: 0.5;
@@ -67,12 +67,15 @@ def read_carmen(path: Path) -> CarmenLog:
     """
     with open_regular(path) as stream:
         packed = stream.read(2) == b"\x1f\x8b"
-    opener: Callable[..., TextIO] = gzip.open if packed else open
     try:
-        with opener(path, "rt", encoding="utf-8", errors="replace") as lines:
+        with _open_packed(path) if packed else open_text(path) as lines:
             return parse_carmen(iter(lambda: lines.readline(_MAX_LINE_CHARACTERS), ""), path)
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise MalformedFile(path, None, f"the compressed log is damaged: {error}") from None
+
+
+def _open_packed(path: Path) -> TextIO:
+    return cast(TextIO, gzip.open(path, "rt", encoding="utf-8-sig", errors="replace"))
 
 
 def parse_carmen(lines: Iterable[str], name: Path | str = "log") -> CarmenLog:
