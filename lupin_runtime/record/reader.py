@@ -1,4 +1,4 @@
-"""Reads MCAP recordings, also truncated or damaged ones: readable messages are returned, and damage is listed.
+"""Reads MCAP recordings, also compressed, truncated or damaged ones: readable messages are returned, and damage is listed.
 
 This module parses the records itself, because the readers of the `mcap` package stop at the first defect and create an object
 for every message, of which a mission's report skips nine tenths.
@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import lz4.frame
 import zstandard
@@ -23,8 +23,17 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
 from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.record.unpacking import LZ4_MAGIC, ZSTD_MAGIC, Stream, open_unpacked, unpack_message
 
 MAGIC = b"\x89MCAP0\r\n"
+# Files that a user may take for a recording, by their first bytes, and what makes one of them.
+_OTHERS = {
+    b"SQLite f": ": it is rosbag2's sqlite3 storage; convert its folder to MCAP with: ros2 bag convert",
+    b"#ROSBAG ": ": it is a ROS 1 bag; convert it with: rosbags-convert",
+    b"\x1f\x8b": ": it is compressed by gzip; unpack it with: gunzip",
+    b"BZh": ": it is compressed by bzip2; unpack it with: bunzip2",
+    b"\xfd7zXZ": ": it is compressed by xz; unpack it with: unxz",
+}
 
 RECORD_HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -109,30 +118,37 @@ class Recording:
         self.metadata: dict[str, str] = {}
         self.damage: list[str] = []
         self._schemas: dict[int, str] = {}
+        self._packed: Counter[str] = Counter()  # by topic: messages that could not be unpacked
         try:
-            with open_regular(path) as file:
+            with open_unpacked(path) as (file, _):
                 found = file.read(len(MAGIC))
         except OSError as error:
             raise NotARecording(f"{path}: {error.strerror}; expected an MCAP file") from error
         if found != MAGIC:
-            what = "it is empty" if not found else f"it begins with {found!r}"
+            other = next((text for start, text in _OTHERS.items() if found.startswith(start)), "")
+            what = f"it begins with {found!r}{other}" if found else "it is empty"
             raise NotARecording(f"{path} is not an MCAP recording: {what}")
 
     def raw(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """The serialized messages of these topics (None: all) in the order of the file.
 
-        It stops where the file is truncated and skips damaged chunks; `damage` lists both afterwards.
+        Messages that rosbag2 compressed are unpacked. It stops where the file is truncated and skips damaged chunks and
+        messages; `damage` lists them afterwards.
         """
-        self.channels, self.metadata, self.damage, self._schemas = {}, {}, [], {}
-        with open_regular(self.path) as file:
+        self.channels, self.metadata, self.damage, self._schemas, self._packed = {}, {}, [], {}, Counter()
+        with open_unpacked(self.path) as (file, size):
             file.seek(len(MAGIC))
-            for opcode, data in self._records(file):
+            for opcode, data in self._records(file, size):
                 if opcode == Opcode.CHUNK:
                     yield from self._chunk(data, topics)
                 elif opcode == Opcode.MESSAGE:
                     yield from self._messages(RECORD_HEAD.pack(opcode, len(data)) + data, topics)
                 else:
                     self._store(opcode, data)
+        self.damage += [
+            f"{topic}: {count} messages are compressed by zstd and cannot be unpacked"
+            for topic, count in sorted(self._packed.items())
+        ]
 
     def messages(
         self, topics: Collection[str] | None = None, max_rate_hz: Mapping[str, float] | None = None
@@ -199,9 +215,8 @@ class Recording:
         return Summary(self.path, size, start_ns, end_ns, topics, self.metadata, self.damage)
 
     # -- records ------------------------------------------------------------------------------------------------------
-    def _records(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    def _records(self, file: Stream, size: int) -> Iterator[tuple[int, bytes]]:
         """The records of the data section, up to the point where a killed recorder truncated it."""
-        size = self.path.stat().st_size
         while True:
             at = file.tell()
             head = file.read(RECORD_HEAD.size)
@@ -219,7 +234,10 @@ class Recording:
                 file.seek(length, io.SEEK_CUR)
                 continue
             if opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA, Opcode.METADATA, Opcode.HEADER):
-                yield opcode, file.read(length)
+                if len(data := file.read(length)) < length:
+                    self.damage.append(f"truncated in the middle of a record at byte {at}")
+                    return
+                yield opcode, data
             elif 0 < opcode <= max(Opcode) or opcode >= 0x80:
                 file.seek(length, io.SEEK_CUR)
             else:
@@ -246,7 +264,11 @@ class Recording:
                 channel_id, _, log_ns, publish_ns = _MESSAGE.unpack_from(records, at)
                 channel = self.channels.get(channel_id)
                 if channel is not None and (topics is None or channel.topic in topics):
-                    yield RawMessage(channel.topic, log_ns, publish_ns, records[at + _MESSAGE.size : at + length])
+                    content = unpack_message(records[at + _MESSAGE.size : at + length], CHUNK_LIMIT_BYTES)
+                    if content is None:
+                        self._packed[channel.topic] += 1
+                    else:
+                        yield RawMessage(channel.topic, log_ns, publish_ns, content)
             else:
                 self._store(opcode, records[at : at + length])
             at += length
@@ -268,6 +290,12 @@ class Recording:
                 self.damage.append(f"its profile is {profile!r}, not 'ros2': its messages may not be ROS 2 messages")
         except (McapError, struct.error, UnicodeDecodeError) as error:
             self.damage.append(f"a {Opcode(opcode).name.lower()} record is damaged: {error}")
+
+
+def begins_like_recording(path: Path) -> bool:
+    """Return whether a file is an MCAP or packed one, or a recording in a format that `Recording` refuses. Raises OSError."""
+    with open_regular(path) as file:
+        return file.read(len(MAGIC)).startswith((MAGIC[:5], ZSTD_MAGIC, LZ4_MAGIC, b"SQLite f", b"#ROSBAG "))
 
 
 def unpack_chunk(data: bytes) -> bytes:
