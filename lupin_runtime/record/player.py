@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,7 @@ import yaml
 from lupin_runtime import graph
 from lupin_runtime.exit_codes import FAILURE, INTERRUPTED, SUCCESS, USAGE_ERROR
 from lupin_runtime.graph import Qos, Topic
-from lupin_runtime.record.reader import ChannelInfo, NotARecording, RawMessage, Recording
+from lupin_runtime.record.reader import MESSAGE_LIMIT_BYTES, ChannelInfo, NotARecording, RawMessage, Recording
 from lupin_runtime.yaml_text import load_yaml
 
 CLOCK_PERIOD_S = 0.02
@@ -81,16 +82,21 @@ class GraphPlayer:
         self._clock = node.publisher(graph.CLOCK)
         self._clock_due_s = 0.0
         self._reported_s = -PROGRESS_PERIOD_S
+        self._types: dict[str, Any] = {}
         self.published = 0
+        self.unreadable: Counter[str] = Counter()  # messages that were not published, by topic
 
     def advertise(self, channels: Iterable[ChannelInfo], wanted: set[str] | None) -> list[str]:
         """Create the publishers; returns a message for each topic that cannot be played."""
+        from lupin_runtime.ros.interfaces import interface
+
         problems = []
         for channel in channels:
             if (wanted is not None and channel.topic not in wanted) or channel.topic == graph.CLOCK.name:
                 continue
             try:
                 self._publishers[channel.topic] = self._node.publisher(topic_of(channel))
+                self._types[channel.topic] = interface(channel.type)
             except (ImportError, AttributeError, ValueError) as error:
                 problems.append(f"{channel.topic} is not played: {channel.type or 'no type'}: {error}")
         return problems
@@ -124,10 +130,22 @@ class GraphPlayer:
                 return False
             self._tick(due.at_s, start_ns, end_ns, rate)
             publisher = self._publishers.get(due.message.topic)
-            if publisher is not None:
+            if publisher is not None and self._is_readable(due.message):
                 publisher.publish(due.message.data)
                 self.published += 1
         self._progress((end_ns - start_ns) / 1e9, start_ns, end_ns)
+        return True
+
+    def _is_readable(self, message: RawMessage) -> bool:
+        """Return whether a message fits its topic's type: one that does not would stop the programs that subscribe."""
+        from rclpy.serialization import deserialize_message
+
+        try:
+            if len(message.data) <= MESSAGE_LIMIT_BYTES:
+                deserialize_message(message.data, self._types[message.topic])
+        except RuntimeError:  # rmw's error
+            self.unreadable[message.topic] += 1
+            return False
         return True
 
     def _tick(self, at_s: float, start_ns: int, end_ns: int, rate: float) -> None:
@@ -223,6 +241,8 @@ def _play(
             if not arguments.loop:
                 break
         player.settle(SETTLE_S)
+        for topic, count in sorted(player.unreadable.items()):
+            print(f"{topic}: {count} messages do not fit their type and were not played", file=sys.stderr)
         return SUCCESS if whole and not stop.is_set() else INTERRUPTED
     finally:
         node.destroy_node()

@@ -18,6 +18,7 @@ import pytest
 from lupin_runtime import graph
 from lupin_runtime.record.reader import Recording
 from tests.support.optional import present
+from tests.support.rosbag2_folders import write_split
 
 if TYPE_CHECKING:
     from geometry_msgs.msg import Twist
@@ -271,6 +272,19 @@ def test_replay_publishes_every_recorded_byte(spinning: Spinning, tmp_path: Path
     assert 5.0 <= times[0] < 5.5 < 6.8 < times[-1] <= 7.0
     progress = [json.loads(line) for line in player.stdout.splitlines()]
     assert progress[-1] == {"at_s": 1.95, "of_s": 1.95, "published": 80}
+
+
+@pytest.mark.usefixtures("private_graph")
+def test_cut_off_message_is_not_played(tmp_path: Path) -> None:
+    row = graph.ESTOP_STATE
+    good = b"\x00\x01\x00\x00\x01"
+    messages = [(row.name, row.type, number, data) for number, data in enumerate((good, b"", good[:2], good[:4], good))]
+    write_split(tmp_path / "cut.mcap", messages)
+    command = [sys.executable, "-m", "lupin_runtime.record.player", str(tmp_path / "cut.mcap")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert json.loads(done.stdout.splitlines()[-1])["published"] == 2
+    assert f"{row.name}: 3 messages do not fit their type and were not played" in done.stderr
 
 
 def test_interrupted_player_stops_at_once_and_exits_130(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
