@@ -12,7 +12,7 @@ from lupin_cli.command_group import command_group
 from lupin_cli.commands.map_plan import plan
 from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
 from lupin_cli.terminal import echo, work_progress
-from lupin_runtime.bounded_file import is_file, open_regular
+from lupin_runtime.bounded_file import is_file, is_folder
 
 if TYPE_CHECKING:
     from lupin_runtime.slam.offline import OfflineScan
@@ -26,7 +26,7 @@ app = command_group(
 
 @app.command()
 def build(
-    log: Path = typer.Argument(..., help="A CARMEN log (FLASER or ROBOTLASER1 lines; .gz too), or an MCAP recording of a run."),
+    log: Path = typer.Argument(..., help="A CARMEN log (FLASER or ROBOTLASER1; .gz too), or an MCAP recording or its folder."),
     out: Path = typer.Option(..., "--out", help="Write map.yaml, map.pgm, trajectory.tum and graph.g2o to this folder."),
     resolution: float = typer.Option(0.05, "--resolution", help="Meters per cell.", min=0.01, max=1.0),
     max_range: float = typer.Option(
@@ -49,8 +49,8 @@ def build(
     from lupin_runtime.slam.offline import NothingToMap, build_map
     from lupin_runtime.slam.tum import write_tum
 
-    if not is_file(log):
-        echo(f"{log}: no such file; expected a CARMEN log or an MCAP recording", err=True)
+    if not is_file(log) and not is_folder(log):
+        echo(f"{log}: no such file or folder; expected a CARMEN log or an MCAP recording", err=True)
         raise typer.Exit(USAGE_ERROR)
     if out.exists() and not out.is_dir():
         echo(f"{out}: is a file; --out takes a folder", err=True)
@@ -181,9 +181,9 @@ def optimize(
 
 def _read(log: Path, max_range: float | None) -> tuple[list[OfflineScan], list[str]]:
     """Read the scans of a log of either kind, and the problems of unusable ones."""
-    with open_regular(log) as stream:
-        is_recording = stream.read(5) == b"\x89MCAP"
-    if is_recording:
+    from lupin_runtime.record.reader import begins_like_recording
+
+    if is_folder(log) or begins_like_recording(log):
         from lupin_runtime.slam.mcap_scans import read_recording
 
         recording = read_recording(log, range_max_m=max_range or 12.0)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lupin_runtime.record.runs import RecordedRun
     from lupin_runtime.report import ComparisonReport, Report
 
-RUN_HELP = "A recording, a run directory, any unique part of a run's id, or: latest."
+RUN_HELP = "A recording, a folder of a run or of rosbag2, any unique part of a run's id, or: latest."
 
 
 def open_run(name: str) -> tuple[RecordedRun, list[Recording]]:
@@ -31,13 +31,16 @@ def open_run(name: str) -> tuple[RecordedRun, list[Recording]]:
 
     try:
         run = find_recorded_run(name)
-        return run, run.open()
+        recordings = run.open()
     except RecordingNotFound as error:
         echo(str(error), err=True)
         raise typer.Exit(USAGE_ERROR) from error
     except NotARecording as error:
         echo(str(error), err=True)
         raise typer.Exit(FAILURE) from error
+    for damage in run.damage():
+        echo(damage, err=True)
+    return run, recordings
 
 
 def build_run_report(name: str, out: Path | None) -> Report:

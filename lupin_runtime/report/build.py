@@ -90,7 +90,7 @@ def build_report(
         facts=to_plain(facts) if facts is not None else earlier.get("facts") or {},
         run_id=files.folder.name,
         recordings=[recording.path.name for recording in recordings],
-        damage=[f"{recording.path.name}: {text}" for recording in recordings for text in recording.damage],
+        damage=[*files.damage(), *(f"{recording.path.name}: {text}" for recording in recordings for text in recording.damage)],
         metadata=recordings[0].metadata,
     )
     progress("comparing with the truth" if callable(score) else "writing the report", None)

@@ -6,6 +6,7 @@ Recorded messages are serialized by the middleware: reading them needs its type 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import numpy as np
 
 from lupin_runtime import graph
 from lupin_runtime.atomic_file import MalformedFile
-from lupin_runtime.record.reader import NotARecording, Recording
+from lupin_runtime.record.reader import NotARecording
+from lupin_runtime.record.runs import RecordedRun, run_at
 from lupin_runtime.slam.offline import OfflineScan
 from lupin_runtime.slam.scan import Beams
 from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
@@ -33,17 +35,20 @@ class RecordedScans:
 def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 12.0) -> RecordedScans:
     """Read `/scan`, `/tf_static` and the odometry (its topic, or `/tf`) of a recording; a damaged one as far as it is readable.
 
-    Raises OSError, and MalformedFile if the file is no MCAP or lacks one of the topics.
+    `path` is a file, or the folder of a run or of rosbag2. Raises OSError, and MalformedFile if there is no MCAP, or it lacks
+    one of the topics.
     """
     tree = TransformTree(keep_s=_WHOLE_RECORDING_S)
     scans: list[Any] = []
     problems: list[str] = []
     has_odometry = False
     try:
-        recording = Recording(path)
+        run = run_at(path) or RecordedRun(path, (path,))
+        recordings = run.open()
     except NotARecording as error:
         raise MalformedFile(path, None, str(error)) from None
-    for topic, _, _, message in recording.messages((graph.SCAN.name, graph.TF.name, graph.TF_STATIC.name, graph.ODOM.name)):
+    topics = (graph.SCAN.name, graph.TF.name, graph.TF_STATIC.name, graph.ODOM.name)
+    for topic, _, _, message in chain.from_iterable(recording.messages(topics) for recording in recordings):
         if topic == graph.SCAN.name:
             scans.append(message)
             continue
@@ -61,7 +66,7 @@ def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 1
                     _insert(tree, parent, item.child_frame_id, item.header.stamp, t.translation, t.rotation, static)
         except ValueError as error:
             problems.append(str(error))
-    problems = recording.damage + problems
+    problems = run.damage() + [text for recording in recordings for text in recording.damage] + problems
     if not scans:
         raise MalformedFile(path, None, f"the recording has no {graph.SCAN.name}{_summary(problems)}")
     result = []

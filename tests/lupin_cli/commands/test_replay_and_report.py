@@ -15,6 +15,7 @@ import pytest
 from lupin_runtime import graph
 from lupin_runtime.record.definitions import schema_text
 from lupin_runtime.record.writer import RecordingWriter
+from tests.support.rosbag2_folders import write_metadata
 
 BOOL_TRUE = b"\x00\x01\x00\x00\x01"
 
@@ -188,3 +189,17 @@ def test_truncated_recording_is_reported(drive: Path) -> None:
     done = lupin("replay", str(drive), "--info")
     assert done.returncode == 0
     assert "truncated in the middle of a record" in " ".join(done.stdout.split())
+
+
+def test_folder_of_rosbag2_is_listed_and_reported(drive: Path) -> None:
+    garden = drive.parent / "garden"
+    garden.mkdir()
+    drive.rename(garden / "garden_0.mcap")
+    write_metadata(garden, ["garden_0.mcap", "garden_1.mcap"])
+    done = lupin("replay", str(garden), "--info", "--json")
+    assert done.returncode == 0, done.stderr
+    assert [summary["messages"] for summary in json.loads(done.stdout)] == [60]
+    assert "garden_1.mcap: no such file, but metadata.yaml lists it" in done.stderr
+    report = lupin("report", str(garden))
+    assert report.returncode == 0, report.stderr
+    assert "garden_1.mcap: no such file" in (garden / "report" / "report.json").read_text()
