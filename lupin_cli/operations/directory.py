@@ -70,7 +70,8 @@ class Directory(PathOperation):
             self._remove(target, before["made"])
             return
         self._create(target)
-        set_attributes(target, self.path, mode=before["mode"], owner=before["owner"], root=self.root)
+        # With five digits, chmod also clears the set-user-ID and set-group-ID bits.
+        set_attributes(target, self.path, mode=before["mode"].zfill(5), owner=before["owner"], root=self.root)
 
     def _create(self, target: Target) -> None:
         change(target, SAFE_PATHS + _CREATE.format(path=quote(self.path)), f"create {self.path}", root=self.root)

@@ -299,3 +299,29 @@ def test_file_without_read_permission_is_an_error() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=False)
     assert done.returncode != 0 and "Permission denied" in done.stderr, done.stdout
+
+
+# Every way to write a mode, beside and below folders with each of the special bits: the first run makes it, the second has
+# nothing to do, and undo restores all twelve bits.
+@pytest.mark.parametrize("parent", [0o755, 0o1777, 0o2775, 0o4755, 0o6777])
+@pytest.mark.parametrize("mode", ["755", "0755", "2775", "02775", "1777", "00755", "0000", "6755"])
+def test_folder_with_any_mode_converges(target: LocalTarget, tmp_path: Path, parent: int, mode: str) -> None:
+    farm = tmp_path / "farm"
+    farm.mkdir()
+    farm.chmod(parent)
+    apply_and_undo(Directory(path=str(farm / "data" / "inner"), mode=mode), target)
+    assert not (farm / "data").exists()
+    if examine(Directory(path=str(farm), mode=mode), target) is not None:
+        apply_and_undo(Directory(path=str(farm), mode=mode), target)
+    assert farm.stat().st_mode & 0o7777 == parent
+
+
+@pytest.mark.parametrize("mode", ["644", "0644", "4755", "2755", "1644", "06711"])
+def test_file_with_any_mode_converges(target: LocalTarget, tmp_path: Path, mode: str) -> None:
+    tmp_path.chmod(0o2775)
+    path = tmp_path / "program"
+    apply_and_undo(File(path=str(path), content="a", mode=mode), target)
+    path.write_text("b")
+    path.chmod(0o6755)
+    apply_and_undo(File(path=str(path), mode=mode), target)
+    assert path.stat().st_mode & 0o7777 == 0o6755
