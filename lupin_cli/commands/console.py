@@ -45,7 +45,7 @@ def serve(
     tls: bool = typer.Option(True, "--tls/--no-tls", help="Use HTTPS for browsers on other computers."),
     port: int = typer.Option(CONSOLE_PORT, min=0, max=65535, help="Serve the page on this port; 0: any free one."),
     rosbridge_port: int = typer.Option(
-        ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1, if it is free; 0: any free one."
+        ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of localhost, if it is free; 0: any free one."
     ),
     share: bool = typer.Option(False, "--share", help="Print the code that pairs a viewer, who can only watch and stop."),
     dev: bool = typer.Option(False, "--dev", help="Also serve the page from its sources in this checkout, with hot reload."),

@@ -53,7 +53,7 @@ def command(
         True, "--web/--no-web", help=f"Serve the console: its page on port {CONSOLE_PORT}, rosbridge on {ROSBRIDGE_PORT}."
     ),
     rosbridge_port: int = typer.Option(
-        ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1; 0: any free one."
+        ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of localhost; 0: any free one."
     ),
     video: bool = typer.Option(
         True, "--video/--no-video", help=f"Serve the simulated cameras' images to the console, on 127.0.0.1:{VIDEO_PORT}."

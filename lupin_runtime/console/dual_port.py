@@ -14,6 +14,8 @@ import ssl
 from collections.abc import Callable
 from typing import Any
 
+from lupin_runtime.console.listeners import listen
+
 _TLS_HANDSHAKE = 0x16  # the type of a TLS record that begins a connection
 _FIRST_BYTE_TIMEOUT_S = 10.0
 # Connections that have sent nothing yet, or have not completed the TLS handshake: beyond these numbers the oldest is closed, so
@@ -39,18 +41,13 @@ class DualPort:
         self._open: dict[str, list[asyncio.BaseTransport]] = {}  # by address: those that count towards its limit
 
     def open(self, host: str, port: int) -> int:
-        """Listen on `host`, or on all addresses if it is empty; returns the port. Raises OSError."""
-        if host:
-            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-            listener = socket.create_server((host, port), family=family, backlog=128)
-        elif socket.has_dualstack_ipv6():
-            listener = socket.create_server(("", port), family=socket.AF_INET6, backlog=128, dualstack_ipv6=True)
-        else:
-            listener = socket.create_server(("", port), backlog=128)
-        listener.setblocking(False)
-        self._sockets.append(listener)
-        self._accepting.append(asyncio.get_running_loop().create_task(self._accept(listener)))
-        return int(listener.getsockname()[1])
+        """Listen on `host`, or on all addresses if it is empty (see `listen`); returns the port. Raises OSError."""
+        opened = listen(host, port)
+        for listener in opened:
+            listener.setblocking(False)
+            self._sockets.append(listener)
+            self._accepting.append(asyncio.get_running_loop().create_task(self._accept(listener)))
+        return int(opened[0].getsockname()[1])
 
     def use(self, tls: ssl.SSLContext) -> None:
         """Use another TLS context for new connections."""

@@ -20,6 +20,7 @@ from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
 from lupin_runtime.console.certificate import ServerCertificate
 from lupin_runtime.console.connection import Connections, Handoff
 from lupin_runtime.console.dual_port import DualPort
+from lupin_runtime.console.listeners import listen
 from lupin_runtime.console.origin import MAX_CLIENTS, Handler, Origin
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.ports import PortInUse, owner_of
@@ -125,7 +126,8 @@ class ConsoleServer:
         runner = await self._start_runner(application)
         try:
             with _explained_port_conflict(self._rosbridge_address[1]):
-                await web.TCPSite(runner, *self._rosbridge_address).start()
+                for listener in listen(*self._rosbridge_address):
+                    await web.SockSite(runner, listener).start()
         except PortInUse as error:
             # Often the vendor's rosbridge. Browsers use the other port.
             self._log(f"no rosbridge for programs: {error}; choose another port with --rosbridge-port")
