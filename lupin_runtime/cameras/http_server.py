@@ -155,6 +155,8 @@ class _Handler(BaseHTTPRequestHandler):
         except GraphSilent as error:
             self._refuse(HTTPStatus.GATEWAY_TIMEOUT, str(error))
 
+    do_HEAD = do_GET  # RFC 9110, 9.3.2: the same answer without its content
+
     def _request(self, query: str) -> StreamRequest:
         try:
             return read_request(dict(parse_qsl(query, keep_blank_values=True, max_num_fields=20)))
@@ -166,8 +168,11 @@ class _Handler(BaseHTTPRequestHandler):
     def _stream(self, request: StreamRequest) -> None:
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
-        with self.server.streams.watch(request) as frames:
+        with self.server.streams.watch(request) as view:
+            frames = view.frames
             self._begin(mjpeg.CONTENT_TYPE)
+            if self.command == "HEAD":
+                return
             self.wfile.write(mjpeg.OPENING)
             number = 0
             while not self.server.closing and not _has_disconnected(self.connection):
@@ -177,10 +182,11 @@ class _Handler(BaseHTTPRequestHandler):
                     self.wfile.write(mjpeg.part(frame.data, frame.stamp_ns))
 
     def _snapshot(self, request: StreamRequest) -> None:
-        with self.server.streams.watch(request) as frames:
-            frame = frames.after(frames.number, SNAPSHOT_TIMEOUT_S)
+        with self.server.streams.watch(request) as view:
+            frame = view.frames.after(view.frames.number, SNAPSHOT_TIMEOUT_S)
         if frame is None:
-            raise GraphSilent(f"no image came from {request.topic} within {SNAPSHOT_TIMEOUT_S:g} s")
+            reason = f"; {request.topic} is not shown: {view.error}" if view.error else ""
+            raise GraphSilent(f"no image came from {request.topic} within {SNAPSHOT_TIMEOUT_S:g} s{reason}")
         self._send("image/jpeg", frame.data, X_Timestamp=mjpeg.stamp_text(frame.stamp_ns))
 
     def _begin(self, content_type: str, status: HTTPStatus = HTTPStatus.OK, **headers: str) -> None:
@@ -191,7 +197,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send(self, content_type: str, content: bytes, status: HTTPStatus = HTTPStatus.OK, **headers: str) -> None:
         self._begin(content_type, status, Content_Length=str(len(content)), **headers)
-        self.wfile.write(content)
+        if self.command != "HEAD":
+            self.wfile.write(content)
 
     def _refuse(self, status: HTTPStatus, reason: str) -> None:
         self._send("text/plain; charset=utf-8", f"{reason}\n".encode(), status)

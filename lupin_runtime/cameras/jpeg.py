@@ -75,7 +75,8 @@ def _colors(image: RawImage) -> Pixels:
     if image.encoding in _WIDE:
         return _to_gray(image)
     if image.encoding not in _CONVERSIONS:
-        raise UnsupportedImage(f"images of encoding {image.encoding[:40]!r} are not supported")
+        known = ", ".join(sorted((*_CONVERSIONS, *_WIDE)))
+        raise UnsupportedImage(f"images of encoding {image.encoding[:40]!r} are not supported; those are: {known}")
     channels = _CHANNELS.get(image.encoding, 1)
     pixels = _rows(image, np.dtype(np.uint8), channels)
     if channels == 1:

@@ -48,7 +48,7 @@ class VideoStreams:
         self._feeds: dict[Source, _Feed] = {}
 
     @contextmanager
-    def watch(self, request: StreamRequest) -> Iterator[NewestFrame]:
+    def watch(self, request: StreamRequest) -> Iterator[View]:
         """Provide the frames that match a request. Raises NoSuchCamera and GraphSilent."""
         source = choose_source(request, self._graph.publishers())
         with self._lock:
@@ -59,7 +59,7 @@ class VideoStreams:
                 self._feeds[source] = feed
             view = feed.join(request)
         try:
-            yield view.frames
+            yield view
         finally:
             with self._lock:
                 feed.leave(request)
@@ -92,15 +92,15 @@ class _Feed:
     def __init__(self, source: Source, warn: Callable[[str], None]) -> None:
         self.source = source
         self.unsubscribe: Callable[[], None] = lambda: None
-        self.views: dict[StreamRequest, _View] = {}
+        self.views: dict[StreamRequest, View] = {}
         self._warn = warn
-        self._watched: tuple[_View, ...] = ()  # replaced as a whole, because `receive` takes no lock
+        self._watched: tuple[View, ...] = ()  # replaced as a whole, because `receive` takes no lock
         self._received_s: list[float] = []
 
-    def join(self, request: StreamRequest) -> _View:
+    def join(self, request: StreamRequest) -> View:
         view = self.views.get(request)
         if view is None:
-            view = self.views[request] = _View(self.source, request, self._warn)
+            view = self.views[request] = View(self.source, request, self._warn)
             self._watched = tuple(self.views.values())
         view.clients += 1
         return view
@@ -132,8 +132,8 @@ class _Feed:
         }
 
 
-class _View:
-    """One camera's frames in one quality, width and orientation, as some clients asked for.
+class View:
+    """One camera's frames in one quality, width and orientation, as some clients asked for; `error` if it cannot be shown.
 
     Images that must be encoded are encoded on the view's own thread. It skips to the newest, so that no messages pile up.
     """
@@ -148,6 +148,7 @@ class _View:
         self._closed = False
 
     def receive(self, message: bytes) -> None:
+        """Take a serialized message."""
         if self._source.compressed and self._request.unchanged and self._pass_on(message):
             return
         if self._worker is None:
@@ -156,6 +157,7 @@ class _View:
         self._messages.put(message)
 
     def close(self) -> None:
+        """End the view: whoever waits for a frame goes on."""
         self._closed = True
         self._messages.close()
         self.frames.close()

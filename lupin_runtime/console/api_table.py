@@ -55,7 +55,8 @@ def add_resources(application: web.Application, resources: Sequence[Resource]) -
 
     described = (*resources, Resource(OPENAPI_PATH, answer, "This description, in OpenAPI 3.1."))
     for resource in described:
-        application.router.add_route(resource.method, resource.path, resource.handler)
+        for method in ("GET", "HEAD") if resource.method == "GET" else (resource.method,):
+            application.router.add_route(method, resource.path, resource.handler)
 
 
 def describe(resources: Sequence[Resource]) -> dict[str, Any]:

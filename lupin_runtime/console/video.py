@@ -141,6 +141,8 @@ class VideoRelay:
         if connection is not None:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
         await response.prepare(request)
+        if request.method == "HEAD":
+            return response
         number = 0
         with contextlib.suppress(ConnectionError, asyncio.TimeoutError):
             await response.write(mjpeg.OPENING)

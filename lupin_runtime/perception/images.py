@@ -71,12 +71,20 @@ def _convert(message: Any, conversion: Callable[[_Encoding], int | None]) -> Pix
     if encoding.channels > 1:
         pixels = pixels.reshape(height, width, encoding.channels)
     code = conversion(encoding)
-    return pixels if code is None else np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), code), np.uint8)
+    if code is None:
+        return pixels
+    try:
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), code), np.uint8)
+    except cv2.error as error:  # such as an odd width of an encoding that shares colors between two pixels
+        raise ImageError(f"an image of {width} x {height} {message.encoding} cannot be converted: {error.err}") from error
 
 
 def _decompress(message: Any, flags: int) -> Pixels:
     data = np.frombuffer(message.data, np.uint8)
-    pixels = cv2.imdecode(data, flags) if data.size else None
+    try:
+        pixels = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:
+        pixels = None
     if pixels is None:
         raise ImageError(f"{data.size} bytes of {message.format!r} are not an image that OpenCV can decode")
     return np.asarray(pixels, np.uint8)

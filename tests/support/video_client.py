@@ -22,11 +22,11 @@ class VideoClient:
         self._port, self._prefix, self._headers, self._trust = port, prefix, headers or {}, trust
         self._open: list[http.client.HTTPResponse | http.client.HTTPConnection] = []
 
-    def get(self, path: str) -> tuple[int, bytes, dict[str, str]]:
+    def get(self, path: str, method: str = "GET") -> tuple[int, bytes, dict[str, str]]:
         """Request a path; return status, content and headers of the response."""
         connection = self._connection()
         try:
-            connection.request("GET", self._prefix + path, headers=dict(self._headers))
+            connection.request(method, self._prefix + path, headers=dict(self._headers))
             response = connection.getresponse()
             return response.status, response.read(), dict(response.getheaders())
         finally:

@@ -183,6 +183,48 @@ def test_snapshot_of_silent_camera_is_refused_with_reason(
     until(lambda: watched(graph) == 0, "the end of the subscription")
 
 
+def test_snapshot_of_an_unsupported_encoding_names_it(
+    graph: PublishedImages, client: VideoClient, warnings: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(http_server, "SNAPSHOT_TIMEOUT_S", 1.0)
+    answer: list[str] = []
+    asking = threading.Thread(target=lambda: answer.append(client.text("/snapshot?topic=/raw", 504)))
+    asking.start()
+    until(lambda: watched(graph) == 1, "the subscription")
+    graph.publish_raw(1, encoding="64FC4")
+    until(lambda: warnings, "a warning")
+    asking.join()
+    assert "/raw is not shown: images of encoding '64FC4' are not supported; those are: 16UC1, 32FC1, 8UC1" in answer[0]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/",
+        "/streams",
+        "/stream_viewer?topic=/jpeg",
+        "/nothing",
+        "/stream",
+        "/stream?topic=/nothing",
+        "/snapshot?topic=/nothing",
+    ],
+)
+def test_head_answers_as_get_without_content(client: VideoClient, path: str) -> None:
+    status, content, headers = client.get(path)
+    head_status, nothing, head_headers = client.get(path, "HEAD")
+    assert (head_status, nothing) == (status, b"")
+    for name in ("Content-Type", "Content-Length", "Cache-Control"):
+        assert head_headers[name] == headers[name]
+    assert len(content) == int(headers["Content-Length"])
+
+
+def test_head_of_a_stream_ends_at_once(graph: PublishedImages, client: VideoClient) -> None:
+    status, nothing, headers = client.get("/stream?topic=/jpeg", "HEAD")
+    assert (status, nothing) == (200, b"")
+    assert headers["Content-Type"].startswith("multipart/x-mixed-replace")
+    until(lambda: watched(graph) == 0, "the end of the subscription")
+
+
 def test_cameras_are_listed_with_their_rate(graph: PublishedImages, client: VideoClient) -> None:
     idle = {"clients": 0, "fps": None, "age_s": None}
     assert client.json("/streams") == [{"topic": "/jpeg", "jpeg": True, **idle}, {"topic": "/raw", "jpeg": False, **idle}]

@@ -139,6 +139,14 @@ def test_snapshots_and_camera_list_are_forwarded(images: PublishedImages, client
     assert headers["Content-Type"] == "image/jpeg" and headers["Cross-Origin-Resource-Policy"] == "same-origin"
 
 
+@pytest.mark.parametrize("path", ["/streams", "/stream?topic=/jpeg", "/stream?topic=/nothing", "/snapshot?topic=/nothing"])
+def test_head_answers_as_get(client: VideoClient, images: PublishedImages, graph_host: GraphHost, path: str) -> None:
+    status, content, headers = client.get(path, "HEAD")
+    assert (status, content) == (404 if "nothing" in path else 200, b"")
+    assert headers["Cache-Control"] == "no-store"
+    graph_host.until(lambda: not images.subscriptions, what="the end of the stream")
+
+
 @pytest.mark.parametrize("path", ["/streams", "/snapshot?topic=/jpeg", "/stream?topic=/jpeg"])
 def test_images_are_only_for_paired_browsers_and_own_page(console: Console, server: VideoHttpServer, path: str) -> None:
     unpaired = VideoClient(console.port, "/_video", {"X-Forwarded-For": "192.0.2.7"})
