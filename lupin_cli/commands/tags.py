@@ -135,6 +135,7 @@ def _detect_in_file(path: Path, request: _Request) -> dict[str, Any]:
 
     from lupin_runtime.image_size import IMAGE_FORMATS, MAX_IMAGE_PIXELS, image_size
     from lupin_runtime.perception.tags import detect as detect_tags
+    from lupin_runtime.perception.tags import explain_nothing
 
     result: dict[str, Any] = {"image": str(path), "width": 0, "height": 0, "tags": []}
     try:
@@ -155,6 +156,8 @@ def _detect_in_file(path: Path, request: _Request) -> dict[str, Any]:
         return {**result, "error": f"is damaged: OpenCV cannot read it ({data.size} bytes)"}
     result["height"], result["width"] = gray.shape[:2]
     found = detect_tags(np.asarray(gray, np.uint8), request.engine)
+    if not found and (hint := explain_nothing(np.asarray(gray, np.uint8), request.engine)):
+        result["hint"] = hint
     for tag in found:
         corners = [[round(float(x), 3), round(float(y), 3)] for x, y in tag.corners]
         entry = {"id": tag.id, "corners": corners, "hamming": tag.hamming, "fit": round(tag.fit, 4)}
@@ -213,6 +216,8 @@ def _show(result: dict[str, Any]) -> None:
     console = SafeConsole()
     console.print(title, soft_wrap=True)
     if not found:
+        if "hint" in result:
+            console.print(f"  {result['hint']}", soft_wrap=True)
         return
     table = Table(box=box.SIMPLE, pad_edge=False)
     table.add_column("id", justify="right")

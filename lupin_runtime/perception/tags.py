@@ -27,6 +27,9 @@ SAME_PLACE_SHARE = 0.5  # of a tag's size: two detections of one id with closer 
 
 # Two pixels per module; the AprilTag library crashes on images a few pixels high.
 MIN_SIDE_PX = 16
+# Three pixels per module of a tag with its white edge, ten modules wide: with fewer, not every engine finds it.
+SMALL_SIDE_PX = 30
+_ONE_SHADE = 8  # of 255: a picture with less contrast shows nothing
 
 FAMILY = "tag36h11"  # the greenhouse's, and the only one whose images are known here
 # The library's others have codes of 48 bits or more, whose tables of corrected codes take gigabytes.
@@ -201,9 +204,29 @@ def accepted(
         aligned = align(gray, tag_id, corners) if has_template else Alignment(corners, 0.0)
         fits = aligned.correlation >= (MIN_FIT_WITH_WRONG_BITS if hamming else MIN_FIT)
         untold = aligned.correlation == 0.0 and hamming == 0
-        if fits or untold:
+        if (fits or untold) and _is_inside(gray, aligned.corners):
             kept.append(TagDetection(tag_id, aligned.corners, hamming, aligned.correlation))
     return sorted(kept, key=lambda found: (found.id, -float(np.ptp(found.corners, axis=0).prod())))
+
+
+def _is_inside(gray: Gray, corners: NDArray[np.float64]) -> bool:
+    """Return whether the picture shows all corners: those of a tag that its edge cuts are guesses, and so would be its pose."""
+    height, width = gray.shape
+    return bool((corners >= -0.5).all() and (corners <= (width - 0.5, height - 0.5)).all())
+
+
+def explain_nothing(gray: Gray, engine: TagEngine) -> str:
+    """Return why a picture, in which `detect` found nothing, may show a tag all the same; empty if nothing is known."""
+    height, width = gray.shape
+    if min(gray.shape) < SMALL_SIDE_PX:
+        return (
+            f"{width} x {height} pixels are too small for a tag, which needs at least {SMALL_SIDE_PX} x {SMALL_SIDE_PX}; "
+            "enlarge it without smoothing (nearest neighbor)"
+        )
+    if int(gray.max()) - int(gray.min()) < _ONE_SHADE:
+        return "the whole picture has one shade"
+    inverted = ", ".join(str(tag.id) for tag in detect(np.asarray(255 - gray, np.uint8), engine))
+    return f"it shows tags with black and white exchanged ({inverted}); print them as they are published" if inverted else ""
 
 
 def is_same_place(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:

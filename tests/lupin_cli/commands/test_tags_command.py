@@ -76,6 +76,16 @@ def test_image_without_tags_is_no_failure(tmp_path: Path) -> None:
     assert "0 tags" in done.stdout
 
 
+def test_picture_of_a_pixel_per_module_gets_a_hint(tmp_path: Path) -> None:
+    path = tmp_path / "official.png"
+    cv2.imwrite(str(path), tag_image(7, 1))
+    done = lupin(str(path))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "0 tags, 10 x 10 pixels" in done.stdout
+    assert "too small for a tag, which needs at least 30 x 30; enlarge it without smoothing" in done.stdout
+    assert "too small" in json.loads(lupin("--json", str(path)).stdout)[0]["hint"]
+
+
 def test_unreadable_image_is_named_and_the_others_are_read(
     tag_image_file: tuple[str, list[list[float]]], tmp_path: Path
 ) -> None:

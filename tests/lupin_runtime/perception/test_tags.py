@@ -163,6 +163,56 @@ def test_tiny_images_are_no_error(shape: tuple[int, int]) -> None:
     assert tags.detect(np.zeros(shape, np.uint8), tags.make_engine("apriltag")) == []
 
 
+def _picture(module_px: int, x: int, y: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """Return a gray picture of a tag whose black square begins at x, y."""
+    tag = apriltag.tag_image(7, module_px)
+    canvas = np.full((400, 520), 128, np.uint8)
+    left, top = 100 + x - module_px, 100 + y - module_px
+    canvas[top : top + len(tag), left : left + len(tag)] = tag
+    return np.asarray(cv2.GaussianBlur(canvas, (0, 0), 0.7)[100:300, 100:420], np.uint8)
+
+
+# A tag is read where the picture shows its whole black square, from one pixel inside each edge on; cut off by a pixel or more
+# it is none, although error correction may still know its id: its corners and so its pose would be guesses.
+@pytest.mark.parametrize("module_px", [4, 7, 10])
+@pytest.mark.parametrize("cut_px", [-3, -1, 1, 2, 5, 12])
+@pytest.mark.parametrize("edge", ["left", "top", "right", "bottom"])
+def test_tag_cut_by_the_edge_is_no_detection(engine: TagEngine, module_px: int, cut_px: int, edge: str) -> None:
+    size = 8 * module_px
+    x = {"left": -cut_px, "right": 320 - size + cut_px}.get(edge, 100)
+    y = {"top": -cut_px, "bottom": 200 - size + cut_px}.get(edge, 60)
+    found = tags.detect(_picture(module_px, x, y), engine)
+    if cut_px > 0:
+        assert found == []
+    elif engine.name == "apriltag" and cut_px <= -3:
+        assert [tag.id for tag in found] == [7]
+
+
+def test_corners_in_the_picture_are_kept_at_its_very_edge() -> None:
+    corners = np.array([[-0.5, -0.5], [639.5, -0.5], [639.5, 479.5], [-0.5, 479.5]])
+    gray = np.zeros((480, 640), np.uint8)
+    assert tags._is_inside(gray, corners)
+    for corner in range(4):
+        beyond = corners.copy()
+        beyond[corner] *= 1.01
+        assert not tags._is_inside(gray, beyond)
+
+
+def test_nothing_is_explained(engine: TagEngine) -> None:
+    shown = np.pad(apriltag.tag_image(7, 8), 40, constant_values=255)
+    for picture, words in (
+        (apriltag.tag_image(7, 1), "10 x 10 pixels are too small for a tag, which needs at least 30 x 30"),
+        (np.full((200, 29), 90, np.uint8), "29 x 200 pixels are too small"),
+        (np.full((200, 300), 255, np.uint8), "one shade"),
+        (np.asarray(255 - shown, np.uint8), "black and white exchanged (7)"),
+    ):
+        assert tags.detect(picture, engine) == []
+        assert words in tags.explain_nothing(picture, engine)
+    mirrored = np.ascontiguousarray(shown[:, ::-1])
+    assert tags.detect(mirrored, engine) == [] and tags.explain_nothing(mirrored, engine) == ""
+    assert [tag.id for tag in tags.detect(apriltag.tag_image(7, 3), engine)] == [7]
+
+
 def test_image_that_is_not_gray_is_refused(engine: TagEngine) -> None:
     with pytest.raises(ValueError, match="gray image"):
         tags.detect(np.zeros((480, 640, 3), np.uint8), engine)
