@@ -171,13 +171,13 @@ def _is_running(chrony: Chrony | None) -> bool:
 def find_stock_makestep(snapshot: Snapshot) -> Iterator[Finding]:
     """chrony may step the clock of a running stack: Ubuntu's stock `makestep 1 3` is still configured."""
     chrony = snapshot.robot_fact(CHRONY)
-    if chrony is None or not chrony.directives("makestep"):
+    if chrony is None or not chrony.steps:
         return
     yield make_finding(
         "chrony-stock-makestep",
         where="robot",
         cause="chrony may step the clock while the stack runs: its configuration still has a makestep directive",
-        evidence=chrony.directives("makestep"),
+        evidence=chrony.steps,
         command="lupin sync-clock --install",
         **_install(snapshot, laptop_serves=False),  # whether the laptop serves time is another finding
     )
@@ -204,7 +204,7 @@ def find_robot_chrony_faults(snapshot: Snapshot) -> Iterator[Finding]:
     elif not chrony.running:
         unit = units.get("chrony.service") if units else None
         # With makestep configured, merely starting chrony would step the clock under the running stack.
-        may_step = bool(chrony.directives("makestep"))
+        may_step = bool(chrony.steps)
         yield make_finding(
             "chrony-not-running",
             severity=Severity.WARNING if sync is None else Severity.PROBLEM,
@@ -263,7 +263,7 @@ def _other_daemon(snapshot: Snapshot, chrony: Chrony, with_sync: bool) -> Findin
             command=command_on_robot(snapshot, "sudo apt install chrony"),
             instruction="the robot needs internet for it; then run: lupin sync-clock --install",
         )
-    elif chrony.directives("makestep") and not chrony.running:
+    elif chrony.steps and not chrony.running:
         # Merely starting chrony would step the clock under the running stack.
         fix = FixText(command=f"{command_on_robot(snapshot, stop)} && lupin sync-clock --install{robot_option(snapshot)}")
     else:

@@ -8,6 +8,7 @@ from ipaddress import IPv4Address, IPv4Network
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
+from lupin_cli.facts.chrony_configuration import READER, parse_line
 from lupin_cli.facts.sections import PRELUDE, Sections, parse_sections
 
 NTP_PORT = 123
@@ -18,12 +19,11 @@ DIRECTIVES = "makestep|allow|deny|local|server|pool|peer|confdir|sourcedir|inclu
 # Without a daemon, chronyc blocks for up to seven seconds, so it is only called if chronyd runs.
 PROBE = (
     PRELUDE
+    + READER
     + f"""running=$(pidof -s chronyd)
 echo '@@ chronyd'; command -v chronyd
 echo '@@ running'; echo "$running"
-echo '@@ files'
-grep -HnsE '^[[:space:]]*({DIRECTIVES})' \
-  /etc/chrony/chrony.conf /etc/chrony.conf /etc/chrony/conf.d/*.conf /etc/chrony/sources.d/*.sources
+echo '@@ files'; chrony_lines '{DIRECTIVES}'
 echo '@@ listeners'; ss -H -lnu 'sport = :{NTP_PORT}' 2>/dev/null
 if [ -n "$running" ]; then
   echo '@@ tracking'; timeout 2 chronyc -c -n tracking 2>&1
@@ -77,14 +77,21 @@ class Chrony:
 
     def directives(self, name: str) -> tuple[str, ...]:
         """Return the configuration lines of one directive."""
-        return tuple(line for line in self.conf if _directive(line).split()[:1] == [name])
+        return tuple(line for line in self.conf if parse_line(line)[1][:1] == [name])
+
+    @property
+    def steps(self) -> tuple[str, ...]:
+        """The lines by which chrony may step the clock at any time: its `makestep`, of which the last one counts."""
+        lines = self.directives("makestep")
+        words = parse_line(lines[-1])[1] if lines else []
+        return () if len(words) == 3 and words[2] == "0" else lines  # a limit of no updates forbids it
 
     def allows(self, address: str) -> bool:
         """Return whether its configuration lets this IPv4 address ask for the time: the most specific directive decides."""
         asking = IPv4Address(address)
         deciding: tuple[int, bool] = (-1, False)
         for line in (*self.directives("allow"), *self.directives("deny")):
-            words = _directive(line).split()
+            words = [word.lower() for word in parse_line(line)[1]]
             network = _network(next((word for word in words[1:] if word != "all"), "0.0.0.0/0"))
             if network is not None and asking in network and network.prefixlen >= deciding[0]:
                 deciding = network.prefixlen, words[0] == "allow"
@@ -140,11 +147,6 @@ def _network(text: str) -> IPv4Network | None:
         return IPv4Network(f"{whole}/{length if slash else 8 * len(octets)}", strict=False)
     except ValueError:
         return None
-
-
-def _directive(line: str) -> str:
-    """Return the directive of a `file:number:text` line, with its arguments."""
-    return line.split(":", 2)[-1].strip()
 
 
 CHRONY = Fact("chrony", PROBE, parse)
