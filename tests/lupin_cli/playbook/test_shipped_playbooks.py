@@ -67,9 +67,13 @@ def test_no_text_of_an_operator_becomes_part_of_a_script(path: Path) -> None:
     assert [each for each in names_in_scripts(load(path)) if each[2] not in WITHOUT_SPECIAL_CHARACTERS] == []
 
 
-def script_of(playbook: str, step_name: str, **variables: Any) -> str:
+def script_of(playbook: str, step_name: str, results: dict[str, dict[str, Any]], **variables: Any) -> str:
+    """Return the script of a step, after earlier steps with these results."""
     book = load(playbook)
     binding = Binding(book, variables, {"robot": LocalTarget("robot"), "laptop": LocalTarget()})
+    for each in book.steps:
+        if each.result in results:
+            binding.remember(each, results[each.result])
     (step,) = (each for each in book.steps if each.name.endswith(step_name))
     script = binding.operation(step).probe()
     assert script is not None
@@ -78,8 +82,8 @@ def script_of(playbook: str, step_name: str, **variables: Any) -> str:
 
 def test_allowed_networks_are_kept_without_what_is_none(tmp_path: Path) -> None:
     file = tmp_path / "lupin-server.conf"
-    script = script_of("serve-clock", "Read which networks are allowed, with this one", network="10.42.0.9/24")
-    script = script.replace("/etc/chrony/conf.d/lupin-server.conf", str(file))
+    conf = {"folder": str(tmp_path), "main": ""}
+    script = script_of("serve-clock", "Read which networks are allowed, with this one", {"conf": conf}, network="10.42.0.9/24")
     assert subprocess.check_output(["sh", "-c", script], text=True) == "allow 10.42.0.0/24\n"
     lines = ["192.168.42.0/24", "10.42.0.0/33", "10.42.0/24", "10.256.0.0/16", "pot", "10.42.0.0/24", "172.16.0.0/9 x"]
     file.write_text("# ours\n" + "".join(f"allow {line}\n" for line in lines) + "local stratum 10\n")
