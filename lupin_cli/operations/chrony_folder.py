@@ -15,13 +15,14 @@ _FIND = r"""
 main=$(chrony_main)
 folder=$(chrony_lines confdir | sed 's/^.*:[0-9]*:[[:space:]]*[^[:space:]]*[[:space:]]*//' | tr -s ' \t\r' '\n' |
   while IFS= read -r each; do [ ! -d "$each" ] || { printf '%s\n' "$each"; break; }; done)
+main=${main:-/etc/chrony/chrony.conf}
 printf 'main=%s\nfolder=%s\n' "$main" "$folder"
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChronyFolder(Operation):
-    """Reports `folder`, the first of a `confdir` that exists, and `main`, the main file; each is empty if there is none."""
+    """Reports `folder`, the first of a `confdir` that exists, empty if there is none, and `main`, the main file."""
 
     name: ClassVar[str] = "chrony-folder"
     effect: ClassVar[str] = "read only: the folder whose `*.conf` files chronyd reads"

@@ -85,7 +85,8 @@ def test_makestep_is_commented_out_where_it_is_in_force(name: str, etc: Path, ta
 def test_folder_is_one_that_chronyd_reads(name: str, etc: Path, target: LocalTarget) -> None:
     files, _, folder = CONFIGURATIONS[name]
     found = report(ChronyFolder(), target)
-    assert found == {"folder": str(etc / folder) if folder else "", "main": str(etc / "chrony.conf") if files else ""}
+    main = str(etc / "chrony.conf") if files else "/etc/chrony/chrony.conf"
+    assert found == {"folder": str(etc / folder) if folder else "", "main": main}
 
 
 @pytest.mark.parametrize("word", ["", "Makestep", "make step", "a|b", "x;rm"])
