@@ -191,6 +191,12 @@ KINDS = (
         weight=6,
     ),
     Kind(
+        "rosbag2 folder",
+        lambda folder: samples.write_bag(folder / "bag"),
+        ("bag/metadata.yaml", "bag/bag_0.mcap", "bag/bag_1.mcap.zstd"),
+        (("replay", "--info", "bag"), ("replay", "--info", "--json", "bag")),
+    ),
+    Kind(
         "reported recording",
         lambda folder: samples.write_recording(folder / "recording.mcap"),
         ("recording.mcap",),

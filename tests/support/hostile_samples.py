@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import zstandard
 
 from lupin_cli.link.dds_setup import profile_xml
 from lupin_cli.playbook.journal import Journal, Mask
@@ -26,6 +27,7 @@ from lupin_runtime.slam.g2o import GraphFile, write_g2o
 from lupin_runtime.slam.map_io import save_map
 from lupin_runtime.slam.pose_graph import Edges
 from tests.support.paths import ROOT
+from tests.support.rosbag2_folders import write_metadata
 
 RUN_ID = "20260101-120000-abcd"
 HOST_KEY = "AAAAC3NzaC1lZDI1NTE5AAAAIOMqqnkVzrm0SdG6UOoqKLsabgH5C9okWi0dh2l9GKJl"
@@ -128,6 +130,14 @@ def write_carmen(path: Path) -> None:
         pose = f"{0.2 * step:.3f} 0.0 0.0"
         lines.append(f"FLASER 180 {ranges} {pose} {pose} {step}.5 host {step}.5")
     path.write_text("\n".join(lines) + "\n")
+
+
+def write_bag(folder: Path) -> None:
+    """Write a rosbag2 folder with two splits, of which one is packed."""
+    folder.mkdir()
+    write_recording(folder / "bag_0.mcap")
+    (folder / "bag_1.mcap.zstd").write_bytes(zstandard.compress((folder / "bag_0.mcap").read_bytes()))
+    write_metadata(folder, ["bag_0.mcap", "bag_1.mcap.zstd"], compression_mode="FILE", compression_format="zstd")
 
 
 def write_recording(path: Path) -> None:
