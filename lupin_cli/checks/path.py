@@ -60,6 +60,7 @@ from lupin_runtime.ports import DISCOVERY_PORT
 
 MOSTLY_LOST = 0.5
 LATE_MS = 100.0  # drive commands come every 50 ms
+OVER_SSH_MS = 1000.0  # that late, no robot that is only busy answers
 ETHERNET_MTU = 1500
 _NO_NEIGHBOR = {"No route to host"}  # what a program gets when nobody answers ARP
 _ABOVE = OVER_GRAPH | {"robot-unreachable"}
@@ -382,7 +383,7 @@ def _loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterator[Fi
     ping = path.ping
     if not small and ping is not None and 0 < ping.received < ping.sent - 1:
         losses = {"there and back": ping.loss}
-    rtt_ms = sorted(ping.rtts_ms)[len(ping.rtts_ms) // 2] if ping is not None and ping.rtts_ms else 0.0
+    rtt_ms = _round_trip_ms(snapshot, path)
     if not losses and rtt_ms < LATE_MS:
         return
     parts = [f"{loss:.0%} of the packets {direction} are lost" for direction, loss in losses.items()]
@@ -391,6 +392,8 @@ def _loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterator[Fi
         parts.append("slowly sent ones pass: something limits their rate")
     parts += [f"a round trip takes {rtt_ms:.0f} ms"] if rtt_ms >= LATE_MS else []
     evidence = [burst.line() for burst in (*small.values(), *paced)]
+    if rtt_ms >= OVER_SSH_MS:
+        evidence.append(f"the clock was asked over SSH: the answer took {rtt_ms:.0f} ms")
     if ping is not None:
         rtts = ", ".join(f"{rtt:.0f}" for rtt in ping.rtts_ms)
         evidence.append(f"ping {path.address}: {ping.received} of {ping.sent} answered, after {rtts or '-'} ms")
@@ -421,6 +424,15 @@ def _loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterator[Fi
         breaks=None if broken else (),
         **fix,
     )
+
+
+def _round_trip_ms(snapshot: Snapshot, path: Path) -> float:
+    """Return how long a round trip takes: as ping measured it, or as SSH did where ping does not wait long enough."""
+    if path.ping is not None and path.ping.rtts_ms:
+        return sorted(path.ping.rtts_ms)[len(path.ping.rtts_ms) // 2]
+    clock = snapshot.link.clock if snapshot.link is not None else None
+    over_ssh_ms = 2e3 * clock.bound_s if clock is not None else 0.0
+    return over_ssh_ms if over_ssh_ms >= OVER_SSH_MS else 0.0
 
 
 def find_unread_sockets(snapshot: Snapshot) -> Iterator[Finding]:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 MAX_FIX_ROUNDS = 3
 MAX_PARALLEL_ROBOTS = 20
 PATH_CHECKS = tuple(check.name for check in path_checks.CHECKS)
-SLOW_ROUND_TRIP_S, LATE_ROUND_TRIP_S = 0.1, 0.3
+SLOW_ROUND_TRIP_S, LATE_ROUND_TRIP_S, HOPELESS_ROUND_TRIP_S = 0.1, 0.3, 1.0
 LATE_VISIT_S = 4.0  # a visit of a working robot takes about two; a lost discovery packet is sent again seconds later
 CLOCK_CHECK = "clock.drift"
 MANY_TIMEOUTS = 3  # of a robot's probes
@@ -98,10 +98,12 @@ def _may_lose_packets(link: Link | None) -> bool:
 
 
 def _takes_too_long(snapshot: Snapshot) -> bool:
-    """Return whether asking the robot's end for each burst would take half a minute, and all data arrives nevertheless."""
+    """Return whether asking the robot's end for each burst would take half a minute, and the delay is the fault or none is."""
     clock = snapshot.link.clock if snapshot.link is not None else None
-    late = clock is not None and 2 * clock.bound_s > LATE_ROUND_TRIP_S
-    return late and measure(snapshot).state is State.HEALTHY
+    round_trip_s = 2 * clock.bound_s if clock is not None else 0.0
+    if round_trip_s > HOPELESS_ROUND_TRIP_S:
+        return True
+    return round_trip_s > LATE_ROUND_TRIP_S and measure(snapshot).state is State.HEALTHY
 
 
 def _is_lost_on_the_way(snapshot: Snapshot, diagnosis: Diagnosis) -> bool:

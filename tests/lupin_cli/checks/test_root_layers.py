@@ -23,6 +23,7 @@ from lupin_cli.checks.path import find_path_faults
 from lupin_cli.doctor.engine import diagnose
 from lupin_cli.facts.addresses import Address, Addresses
 from lupin_cli.facts.base import Facts
+from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.graph import Graph, Graphs
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.routes import RouteEntry, RoutingTable
@@ -365,6 +366,14 @@ def test_data_that_arrives_through_a_lossy_path_is_not_called_healthy(number: in
     assert severities == ([Severity.PROBLEM] if most else [Severity.WARNING] if number else [])
     assert truth.state is (State.UNOBSERVED if most else State.HEALTHY)
     assert any("62% of the packets" in line for line in truth.unobserved) is most
+
+
+@pytest.mark.parametrize(("bound_s", "expected"), [(1.5, {("loss", "link")}), (0.1, {("samples", "link")})])
+def test_delay_beyond_the_patience_of_ping_shows_over_ssh(bound_s: float, expected: set[tuple[str, str]]) -> None:
+    snapshot = Row("", set(), ping=DEAD, robot_end=None).snapshot
+    link = replace(present(snapshot.link), kind="", message="", clock=Offset(0.0, bound_s))
+    diagnosis = diagnose((*GROUND_TRUTH, *LINK, *PATH), replace(snapshot, link=link))
+    assert {(root.finding.layer, root.finding.where) for root in diagnosis.roots} == expected
 
 
 def test_every_layer_of_the_path_has_rows() -> None:
