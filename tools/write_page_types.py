@@ -30,7 +30,7 @@ from lupin_runtime.drive.arbiter import INPUTS
 from lupin_runtime.drive.twist import HardLimits
 from lupin_runtime.lights import palette
 from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, SOON_THRESHOLD
-from lupin_runtime.twin.health import IDEAL_RANGES, MAX_DEVIATION, STATES
+from lupin_runtime.twin.health import IDEAL_RANGES, MAX_DEVIATION, OFF_RANGE, STATES
 from lupin_sim import mirte, robot_model
 
 FOLDER = Path(__file__).parents[1] / "web" / "src" / "generated"
@@ -225,7 +225,7 @@ def robot_module() -> str:
         + _constant_block("LED_COLORS", colors)
         + _constant_block("LED_STATES", states)
         + _constant_block("IDEAL_RANGES", ranges)
-        + _constant_block("HEALTH", {"maxDeviation": MAX_DEVIATION, "states": health})
+        + _constant_block("HEALTH", {"maxDeviation": MAX_DEVIATION, "offRange": OFF_RANGE, "states": health})
         + _constant_block("BATTERY", {"lowShare": LOW_THRESHOLD, "soonShare": SOON_THRESHOLD})
         + _constant_block("AUTHORITY", authority)
         + f"export type Role = {' | '.join(json.dumps(role.value) for role in Role)};\n"

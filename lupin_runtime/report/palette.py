@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 SPECIES = {"tulip_red": "#e23a3a", "tulip_white": "#e8e8ee", "tulip_pink": "#ec6aa6"}
 SPECIES_OTHER = "#9aa0aa"
-HEALTH = {"healthy": "#3ec46d", "stressed": "#e0b341", "critical": "#e23a3a", "no_data": "#6b7280"}
+HEALTH = {"healthy": "#3ec46d", "off_range": "#e0b341", "stressed": "#e0b341", "critical": "#e23a3a", "no_data": "#6b7280"}
 
 STATES = {
     "BOOT": "#8b929c",

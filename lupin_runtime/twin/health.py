@@ -9,6 +9,7 @@ from dataclasses import dataclass
 MAX_DEVIATION = 2.0
 # Each state applies to deviations below its limit.
 STATES = ((0.3, "healthy"), (0.7, "stressed"), (math.inf, "critical"))
+OFF_RANGE = "off_range"
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,14 @@ def deviation(value: float, ideal: IdealRange) -> float:
         return 0.0
     outside = max(ideal.minimum - value, value - ideal.maximum, 0.0)
     return min(MAX_DEVIATION, outside / (ideal.maximum - ideal.minimum))
+
+
+def shown_state(state: str, worst_deviation: float) -> str:
+    """Return the state that marks and colors show: OFF_RANGE for `healthy` with a reading outside its range, however little.
+
+    A green mark beside a reading that is marked as too low or too high would contradict it.
+    """
+    return OFF_RANGE if state == STATES[0][1] and worst_deviation > 0.0 else state
 
 
 def assess(readings: Iterable[tuple[str, Mapping[str, float]]], ranges: Mapping[str, IdealRange] = IDEAL_RANGES) -> Health:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from lupin_runtime.report.findings import clock
 from lupin_runtime.report.report_json import ReportInput, figures
+from lupin_runtime.twin.health import shown_state
 
 MAX_TAG_ERROR_M, MAX_PATH_ERROR_M = 0.05, 0.05
 MIN_REAL_TIME_FACTOR = 1.0 - 5e-3
@@ -45,7 +46,8 @@ def figure_cards(report: ReportInput) -> Iterable[Card]:
         right = f"; {n['score_flowers_right']} of {pots} pots right" if pots else ""
         yield Card("Flowers", str(n["flowers"]), f"bugs: {n['bugs']}{right}")
     if n["health"] != "no_data":
-        yield Card("Health", str(n["health"]).capitalize(), "worst reading", f"health-{n['health']}")
+        health = shown_state(str(n["health"]), max((tag.worst_deviation for tag in report.tags), default=0.0))
+        yield Card("Health", health.capitalize().replace("_", " "), "worst reading", f"health-{health}")
     if n["known_area_m2"]:
         yield Card("Mapped", f"{n['known_area_m2']:.0f} m²")
     if (factor := n["real_time_factor"]) is not None:

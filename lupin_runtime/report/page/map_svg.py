@@ -21,6 +21,7 @@ from lupin_runtime.report.report_json import ReportInput, thin
 from lupin_runtime.report.run_log import LoggedPot
 from lupin_runtime.report.tags import READ, TagResult
 from lupin_runtime.report.trajectory import speeds
+from lupin_runtime.twin.health import shown_state
 
 _SEGMENTS = 240
 _PATH_PERIOD_S = 0.2
@@ -152,11 +153,12 @@ def _tag_layer(report: ReportInput, canvas: Canvas) -> Iterable[Markup]:
         assert item.pose is not None
         x, y = canvas.at(item.pose.x, item.pose.y)
         label = f"Tag {item.tag_id}: {OUTCOME_LABELS[item.outcome]}"
+        health = shown_state(item.health, item.worst_deviation)
         if item.readings:
-            label += f", {item.health.replace('_', ' ')}"
+            label += f", {health.replace('_', ' ')}"
         parts = [element("title", label), element("line", x1=x, y1=y, x2=label_x, y2=label_y, class_="leader")]
         parts.append(tag_plate(x, y, item.pose.facing_rad, canvas.symbol_size))
-        parts.append(element("circle", cx=label_x, cy=label_y, r=canvas.symbol_size * 0.95, class_=f"pin health-{item.health}"))
+        parts.append(element("circle", cx=label_x, cy=label_y, r=canvas.symbol_size * 0.95, class_=f"pin health-{health}"))
         parts.append(element("text", item.tag_id, x=label_x, y=label_y, class_="pin-text"))
         if item.outcome != READ:
             offset = canvas.symbol_size * 0.8

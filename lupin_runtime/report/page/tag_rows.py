@@ -13,6 +13,7 @@ from lupin_runtime.report.palette import SPECIES, SPECIES_OTHER, flower_label
 from lupin_runtime.report.report_json import ReportInput
 from lupin_runtime.report.run_log import CameraImage
 from lupin_runtime.report.tags import READ, LatestReading, TagResult
+from lupin_runtime.twin.health import shown_state
 
 _PHOTO_PX = 224
 _PHOTO_WITHIN_S = 4.0  # an image farther from the time of the reading may show another place
@@ -83,7 +84,7 @@ def _row(tag: TagResult, report: ReportInput) -> TagRow:
         outcome_label=_outcome_label(tag),
         reason=tag.reason,
         times=_times(tag),
-        readings=tuple(map(_reading, tag.readings)),
+        readings=tuple(map(reading_row, tag.readings)),
         flowers=_flowers(tag),
         bugs=f"✱ {flower.bug_count or 1} bug{'s' if flower.bug_count > 1 else ''}" if flower and flower.anomaly else "",
         confidence=f"{flower.confidence:.0%} confidence" if flower and flower.species and flower.confidence else "",
@@ -127,7 +128,8 @@ def _times(tag: TagResult) -> str:
     return " · ".join(times)
 
 
-def _reading(reading: LatestReading) -> ReadingRow:
+def reading_row(reading: LatestReading) -> ReadingRow:
+    """Return how a reading is shown: with a note and a mark that agree."""
     sensor = SENSORS.get(reading.sensor)
     value = f"{reading.value:.4g}"
     if sensor is None:
@@ -137,7 +139,7 @@ def _reading(reading: LatestReading) -> ReadingRow:
         return ReadingRow(sensor.label, value, sensor.unit, "" if health == "healthy" else health, health)
     degree = "a little" if health == "healthy" else health
     side = "low" if reading.value < sensor.low else "high"
-    return ReadingRow(sensor.label, value, sensor.unit, f"{degree} {side}", health)
+    return ReadingRow(sensor.label, value, sensor.unit, f"{degree} {side}", shown_state(health, reading.deviation))
 
 
 def _flowers(tag: TagResult) -> tuple[FlowerCount, ...]:

@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lupin_runtime.report.health import SENSORS, deviation, health
+from lupin_runtime.report.page.tag_rows import reading_row
 from lupin_runtime.report.palette import SPEED_RAMP, TIME_RAMP, heat_rgb, ramp, species_label
+from lupin_runtime.report.tags import LatestReading
 
 
 @pytest.mark.parametrize(
@@ -42,6 +44,20 @@ def test_deviation_is_in_widths_of_the_ideal_range(sensor: str, value: float, ex
 )
 def test_worst_reading_decides(readings: list[tuple[str, float]], expected: str) -> None:
     assert health(readings)[0] == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "note", "state"),
+    [
+        (26.0, "", "healthy"),
+        (27.0, "a little high", "off_range"),
+        (29.0, "stressed high", "stressed"),
+        (40.0, "critical high", "critical"),
+    ],
+)
+def test_reading_with_a_note_is_not_marked_healthy(value: float, note: str, state: str) -> None:
+    row = reading_row(LatestReading("temperature", value, 1.0, deviation("temperature", value)))
+    assert (row.note, row.health) == (note, state)
 
 
 @settings(deadline=None)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lupin_runtime.twin.field import FieldCache, FieldError, FieldRequest, IdwOptions, interpolate
-from lupin_runtime.twin.health import IDEAL_RANGES, assess, deviation
+from lupin_runtime.twin.health import IDEAL_RANGES, OFF_RANGE, assess, deviation, shown_state
 
 Box = tuple[float, float, float, float]
 Samples = list[tuple[float, float, float]]
@@ -171,6 +171,14 @@ def test_deviation_is_in_widths_of_the_range_and_capped(value: float, expected: 
 )
 def test_health_states_begin_at_their_limits(value: float, state: str) -> None:
     assert assess([("1", {"temperature": value})]).state == state
+
+
+@given(st.sampled_from(sorted(IDEAL_RANGES)), st.floats(1.5, 5000.0))
+def test_only_readings_within_their_range_are_shown_healthy(sensor: str, value: float) -> None:
+    health, ideal = assess([("1", {sensor: value})]), IDEAL_RANGES[sensor]
+    shown = shown_state(health.state, health.score)
+    assert (shown == "healthy") == (ideal.minimum <= value <= ideal.maximum)
+    assert shown in (health.state, OFF_RANGE)
 
 
 def test_worst_reading_decides_and_is_named() -> None:

@@ -229,6 +229,7 @@ export const IDEAL_RANGES = {
 } as const;
 export const HEALTH = {
   "maxDeviation": 2.0,
+  "offRange": "off_range",
   "states": [
     {
       "below": 0.3,

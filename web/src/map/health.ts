@@ -2,7 +2,8 @@
 import { HEALTH, IDEAL_RANGES } from "@/generated/robot";
 
 export type Sensor = keyof typeof IDEAL_RANGES;
-export type HealthState = (typeof HEALTH.states)[number]["name"] | "no_data";
+/** `off_range` is a part of the runtime's `healthy`: a little outside of the range, which must not look like within it. */
+export type HealthState = (typeof HEALTH.states)[number]["name"] | typeof HEALTH.offRange | "no_data";
 
 export const SENSORS = Object.keys(IDEAL_RANGES) as Sensor[];
 
@@ -44,29 +45,39 @@ export function deviation(value: number, { low, high }: IdealRange): number {
   return Math.min(HEALTH.maxDeviation, Math.max(low - value, value - high, 0) / (high - low));
 }
 
-/** Whether a value in its natural unit is below, within or above its range. */
-export function side(value: number, { low, high }: IdealRange): "low" | "ideal" | "high" {
-  return value < low ? "low" : value > high ? "high" : "ideal";
+export interface Judgement {
+  /** Where the value lies: what an arrow shows. */
+  side: "low" | "ideal" | "high";
+  /** What marks and colors show: `healthy` only within the range. */
+  state: HealthState;
+  score: number;
+}
+
+/** The one judgement of a value in its natural unit: arrows, marks, colors and the health of a plant derive from it. */
+export function judge(sensor: Sensor, value: number): Judgement {
+  if (!Number.isFinite(value)) return { side: "ideal", state: "no_data", score: 0 };
+  const range = idealRange(sensor);
+  const score = deviation(value, range);
+  return { side: value < range.low ? "low" : value > range.high ? "high" : "ideal", state: stateOf(score), score };
 }
 
 /** The health by the worst reading. Sensors without a range are passed over. */
 export function assess(readings: readonly Reading[]): Health {
-  let worst: { sensor: Sensor; score: number } | null = null;
+  let worst: Health = { state: "no_data", score: 0, sensor: null };
   for (const { name, value } of readings) {
     if (!isSensor(name) || !Number.isFinite(value)) continue;
-    const score = deviation(inNaturalUnit(name, value), idealRange(name));
-    if (worst === null || score > worst.score) worst = { sensor: name, score };
+    const { state, score } = judge(name, inNaturalUnit(name, value));
+    if (worst.sensor === null || score > worst.score) worst = { state, score, sensor: name };
   }
-  if (worst === null) return { state: "no_data", score: 0, sensor: null };
-  return { state: stateOf(worst.score), ...worst };
+  return worst;
 }
 
 function stateOf(score: number): HealthState {
-  for (const { below, name } of HEALTH.states) if (below === null || score < below) return name;
-  return "critical";
+  const state = HEALTH.states.find(({ below }) => below === null || score < below)?.name ?? "critical";
+  return state === "healthy" && score > 0 ? HEALTH.offRange : state;
 }
 
-const ORDER: Record<HealthState, number> = { critical: 0, stressed: 1, healthy: 2, no_data: 3 };
+const ORDER: Record<HealthState, number> = { critical: 0, stressed: 1, off_range: 2, healthy: 3, no_data: 4 };
 
 /** Sorts the worst first and the unknown last. */
 export function compareHealth(a: Health, b: Health): number {

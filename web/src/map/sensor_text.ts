@@ -13,6 +13,7 @@ export const SENSOR_NAMES: Record<Sensor, TextKey> = {
 
 export const HEALTH_NAMES: Record<HealthState, TextKey> = {
   healthy: "map_healthy",
+  off_range: "map_off_range",
   stressed: "map_stressed",
   critical: "map_critical",
   no_data: "map_no_data",

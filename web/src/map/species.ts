@@ -18,4 +18,4 @@ export function speciesName(species: string): TextKey | null {
 }
 
 /** The colors of the states of health on the map: for marks, never for text. */
-export const HEALTH_COLORS = { healthy: "#3ec46d", stressed: "#e0b341", critical: "#e23a3a", no_data: "#6b7280" } as const;
+export const HEALTH_COLORS = { healthy: "#3ec46d", off_range: "#e0b341", stressed: "#e0b341", critical: "#e23a3a", no_data: "#6b7280" } as const;

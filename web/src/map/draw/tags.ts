@@ -1,5 +1,5 @@
 /** Tags with their labels, and flowers: drawn over both views, wherever these project a point of the map. */
-import { type Sensor, idealRange, side } from "@/map/health";
+import { type Sensor, idealRange, judge } from "@/map/health";
 import { type Label, type Rectangle, placeLabels } from "@/map/labels";
 import { writeValue } from "@/map/sensor_text";
 import { speciesColor } from "@/map/species";
@@ -202,14 +202,13 @@ function clamp(value: number, low: number, high: number): number {
 function drawValue(context: CanvasRenderingContext2D, tag: Tag, sensor: Sensor, x: number, y: number, scale: number): void {
   const value = tag.readings[sensor];
   if (value === undefined) return;
-  const range = idealRange(sensor);
-  const arrow = { low: " ▼", ideal: "", high: " ▲" }[side(value, range)];
+  const arrow = { low: " ▼", ideal: "", high: " ▲" }[judge(sensor, value).side];
   context.font = bodyFont(Math.round(16 * scale), 700);
   context.textAlign = "center";
   context.lineJoin = "round";
   context.lineWidth = 5;
   context.strokeStyle = "rgb(6 10 8 / 0.9)";
-  const text = `${writeValue(sensor, value)} ${range.unit}${arrow}`;
+  const text = `${writeValue(sensor, value)} ${idealRange(sensor).unit}${arrow}`;
   context.strokeText(text, x, y);
   context.fillStyle = inks().text;
   context.fillText(text, x, y);

@@ -1,7 +1,7 @@
 import { type ReactNode, useState } from "react";
 import { TOPICS } from "@/generated/graph";
 import { type Text, useText } from "@/i18n/text";
-import { type Sensor, idealRange, side } from "@/map/health";
+import { type HealthState, type Sensor, judge } from "@/map/health";
 import { toggleTag, useMapUi } from "@/map/map_ui";
 import { HEALTH_NAMES, shortUnit, writeValue } from "@/map/sensor_text";
 import { targetOf, useMissionState } from "@/map/use_mission";
@@ -83,9 +83,11 @@ function StaleText({ receivedMs }: { receivedMs: number }) {
 
 function summary(text: Text, tags: readonly Tag[]): string {
   const count = (holds: (tag: Tag) => boolean) => tags.filter(holds).length;
+  const inState = (state: HealthState) => count((tag) => tag.health.state === state);
   const parts: [number, string][] = [
-    [count((tag) => tag.health.state === "critical"), "map_critical_count"],
-    [count((tag) => tag.health.state === "stressed"), "map_stressed_count"],
+    [inState("critical"), "map_critical_count"],
+    [inState("stressed"), "map_stressed_count"],
+    [inState("off_range"), "map_off_range_count"],
     [count((tag) => tag.hasBug), "map_bug_count"],
   ];
   const all = text(tags.length === 1 ? "map_tag_one" : "map_tag_count", { count: tags.length });
@@ -145,7 +147,7 @@ function Row({ tag, receivedMs, isSelected, isTarget, text }: RowProps) {
       </td>
       <td className="pr-2 leading-snug">
         {knownSensors(tag).map((sensor) => (
-          <Value key={sensor} sensor={sensor} value={tag.readings[sensor] ?? NaN} isAlarming={tag.health.state !== "healthy"} text={text} />
+          <Value key={sensor} sensor={sensor} value={tag.readings[sensor] ?? NaN} text={text} />
         ))}
       </td>
       <td className="pr-4 text-right whitespace-nowrap text-text-2 numeric">{useAgeText(tag.ageS, receivedMs, clock, UNKNOWN)}</td>
@@ -153,12 +155,12 @@ function Row({ tag, receivedMs, isSelected, isTarget, text }: RowProps) {
   );
 }
 
-function Value({ sensor, value, isAlarming, text }: { sensor: Sensor; value: number; isAlarming: boolean; text: Text }) {
-  const place = side(value, idealRange(sensor));
+function Value({ sensor, value, text }: { sensor: Sensor; value: number; text: Text }) {
+  const place = judge(sensor, value).side;
   const unit = shortUnit(sensor);
   return (
     <span className="mr-2.5 inline-block whitespace-nowrap">
-      <span className={cn("numeric", place !== "ideal" && isAlarming && "font-semibold text-attention")}>
+      <span className={cn("numeric", place !== "ideal" && "font-semibold text-attention")}>
         {writeValue(sensor, value)}
         {place !== "ideal" && (
           <>

@@ -2,12 +2,13 @@ import type { HealthState } from "@/map/health";
 import { HEALTH_COLORS, speciesColor } from "@/map/species";
 import { cn } from "@/ui/cn";
 
-/** The shape of a state of health, as on the map: disc, triangle, square, ring. */
+/** The shape of a state of health, as on the map: disc, outline of a triangle, triangle, square, ring. */
 export function HealthMark({ state, className }: { state: HealthState; className?: string }) {
   const color = HEALTH_COLORS[state];
   return (
     <svg aria-hidden="true" viewBox="0 0 12 12" className={cn("size-3 shrink-0", className)}>
       {state === "healthy" && <circle cx="6" cy="6" r="5" fill={color} />}
+      {state === "off_range" && <path d="M6 1.8 10.6 10.2H1.4Z" fill="none" stroke={color} strokeWidth="1.6" strokeLinejoin="round" />}
       {state === "stressed" && <path d="M6 0.5 11.8 11H0.2Z" fill={color} />}
       {state === "critical" && <rect x="1" y="1" width="10" height="10" fill={color} />}
       {state === "no_data" && <circle cx="6" cy="6" r="4.2" fill="none" stroke="#9aa0aa" strokeWidth="1.6" />}

@@ -1,7 +1,7 @@
 import { X } from "lucide-react";
 import { useTimeValue } from "@/hooks/use_now";
 import { type Text, useText } from "@/i18n/text";
-import { type Sensor, idealRange, side } from "@/map/health";
+import { type Sensor, idealRange, judge } from "@/map/health";
 import { liveMap } from "@/map/live_map";
 import { toggleTag, useMapUi } from "@/map/map_ui";
 import { lengthOf, shownPlan } from "@/map/route";
@@ -111,7 +111,7 @@ function Readings({ tag }: { tag: Tag }) {
 function ReadingRow({ sensor, value, isLarge }: { sensor: Sensor; value: number; isLarge: boolean }) {
   const text = useText();
   const range = idealRange(sensor);
-  const place = side(value, range);
+  const place = judge(sensor, value).side;
   return (
     <div className={cn("grid items-center gap-x-4", isLarge ? "grid-cols-[9rem_minmax(0,1fr)] max-md:grid-cols-1" : "grid-cols-[5.5rem_6.5rem_minmax(0,1fr)]")}>
       <dt className={cn("text-text-2", isLarge && "col-span-full text-xs")}>{text(SENSOR_NAMES[sensor])}</dt>
