@@ -100,8 +100,10 @@ answers(SERVICES.ARM_PRESET, ({ name = "" }, robot) =>
     robot.world.arm.moveTo(preset);
   }),
 );
-answers(SERVICES.ARM_SET_TORQUE, ({ data = false }, { world }) =>
+answers(SERVICES.ARM_SET_TORQUE, ({ data = false }, robot) =>
   attempt(() => {
+    const { world } = robot;
+    if (!data) requireReleased(robot);
     if (world.arm.calibration !== "IDLE") throw new Refused("a calibration is in progress: commit or cancel it first");
     if (!data) world.arm.stop();
     world.arm.torque = data;

@@ -36,3 +36,22 @@ test("a lost link is dim everywhere, and its age only grows", async ({ page }) =
   expect(ages).toEqual([...ages].sort((a, b) => a - b));
   expect(ages.at(-1)).toBeGreaterThan(4);
 });
+
+test("the torque's switch and the line beside it say the same, and nothing of the joints is cut off", async ({ page }) => {
+  await page.setViewportSize({ width: 1440, height: 900 });
+  await openMock(page, "arm", "state=stopped");
+  const panel = page.getByRole("region", { name: "Torque" });
+  const isWhole = () => page.getByRole("button", { name: "Calibrate" }).evaluate((button) => {
+    const column = button.closest(".lg\\:overflow-y-auto");
+    return column !== null && column.scrollHeight <= column.clientHeight + 1;
+  });
+  // A limp arm may be enabled while the robot is stopped: that holds it where it is.
+  await expect(panel).toContainText("enabled, the arm is held where it is");
+  await expect(panel).not.toContainText("Not now");
+  expect(await isWhole()).toBe(true);
+  await panel.getByRole("button", { name: "Enable" }).click();
+  // A stiff one would sink.
+  await expect(panel.getByRole("button", { name: "Hold to disable" })).toBeDisabled();
+  await expect(panel).toContainText("Not now: the robot is stopped");
+  expect(await isWhole()).toBe(true);
+});

@@ -8,7 +8,7 @@ import { JointsPanel } from "./joints_panel";
 import { PosesPanel } from "./poses_panel";
 import { SequencesPanel } from "./sequences_panel";
 import { TorquePanel } from "./torque_panel";
-import { useArmObstacles, useArmReports, useLibraryObstacles, useLibraryState, useMeasured, useSliderObstacles } from "./use_arm";
+import { useArmReports, useLibraryObstacles, useLibraryState, useMeasured, useSliderObstacles } from "./use_arm";
 import { useLibrary } from "./use_library";
 
 /** The Arm tab: the arm, its joints and its library. */
@@ -33,7 +33,6 @@ function ArmBoard() {
   const isAwaitingPose = useStore(arm.store, ({ calibration }) => calibration === "AWAITING_POSE");
   const measured = useMeasured();
   const library = useLibraryState();
-  const armObstacles = useArmObstacles();
   const libraryObstacles = useLibraryObstacles();
   const obstacles = useSliderObstacles(library, measured);
   const isBlocked = obstacles.length > 0;
@@ -54,7 +53,7 @@ function ArmBoard() {
       </div>
       <div className="contents lg:flex lg:min-h-0 lg:flex-col lg:gap-3 lg:overflow-y-auto">
         <div className="max-lg:order-1">
-          <TorquePanel obstacles={armObstacles} />
+          <TorquePanel obstacles={obstacles} />
           {isAwaitingPose && !isCalibrating && (
             <button type="button" onClick={() => setCalibrating(true)} className="mt-3 min-h-11 w-full rounded-md border border-attention bg-attention-wash px-4 text-left text-attention">
               {text("arm_calibration_waits")}

@@ -6,7 +6,7 @@ import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { HoldButton } from "@/ui/hold_button";
 import { useArmModel } from "./arm_model";
-import type { Torque } from "./torque";
+import { type Torque, torqueObstacles } from "./torque";
 
 const STATES: Record<"on" | "off" | "unknown", { title: TextKey; hint: TextKey; icon: typeof Power }> = {
   on: { title: "arm_torque_on", hint: "arm_torque_on_hint", icon: Power },
@@ -27,8 +27,8 @@ export function TorquePanel({ obstacles }: { obstacles: readonly Reason[] }) {
   const answer = useStore(arm.store, (each) => each.answer);
   const state = stateOf(torque);
   const { title, hint, icon: Icon } = STATES[state];
-  const blocker = obstacles.find(({ key }) => key === "why_no_link" || key === "why_viewer" || key === "why_control");
-  const other = obstacles[0];
+  const blocker = torqueObstacles(obstacles, state !== "on")[0];
+  const isStopped = obstacles.some(({ key }) => key === "why_estop");
   const isSwitching = switchingTo !== null;
 
   return (
@@ -51,11 +51,10 @@ export function TorquePanel({ obstacles }: { obstacles: readonly Reason[] }) {
       </span>
       <div role="status" className="min-w-0 grow basis-48">
         <p className="text-lg leading-tight font-bold">{text(title)}</p>
-        <p className="text-xs text-text-2">
-          {text(hint)}
+        <p className={cn("text-xs", blocker === undefined ? "text-text-2" : "text-attention")}>
+          {blocker !== undefined ? text("arm_not_now", { reason: text(blocker.key, blocker.values) }) : text(isStopped ? "arm_enable_while_stopped" : hint)}
           {answer !== "" && <span className="block text-text-3">{text("arm_answer", { answer })}</span>}
         </p>
-        {other !== undefined && <p className="text-xs text-attention">{text("arm_not_now", { reason: text(other.key, other.values) })}</p>}
       </div>
       {state === "on" ? (
           <HoldButton tone="dark" disabled={isSwitching || blocker !== undefined} onHeld={() => void arm.switchTorque(false)}>
