@@ -72,7 +72,7 @@ const GOAL_THROTTLE = { throttleMs: 250 };
 const GOAL_STALE_MS = 1000;
 
 /** Whether navigation pursues a goal, also while another input outranks it on the drive bus. */
-function useNavigates(): boolean {
+export function useNavigates(): boolean {
   const store = useTopics();
   useSamples(TOPICS.CMD_VEL_NAV, () => {}, GOAL_THROTTLE);
   const commands = useTimeValue((now) => {

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { lupin_msgs_MissionState } from "@/generated/messages";
-import { type MissionAction, type MissionFacts, readTagIds, refusal } from "./mission_rules";
+import { ENDS, type MissionAction, type MissionFacts, readTagIds, refusal } from "./mission_rules";
 
 function facts(mission: Partial<lupin_msgs_MissionState> | null, changes: Partial<MissionFacts> = {}): MissionFacts {
   const state = { lifecycle_state: "READY", current_target: "", paused: false, estop_engaged: false, battery_low: false, ...mission };
@@ -56,6 +56,17 @@ describe("mission controls", () => {
     expect(refusal("dock", paused)).toBe("mission_hold_first");
     expect(possible(facts({ lifecycle_state: "INSPECTING", current_target: "4" }, { isGateClosed: true }))).toEqual(["pause"]);
     expect(possible(facts({ lifecycle_state: "FAULT" }, { isGateClosed: true }))).toEqual(["reset"]);
+  });
+
+  it("do not drive to the dock while the robot is stopped", () => {
+    for (const lifecycle_state of ["EXPLORING", "INSPECTING", "MONITORING"]) {
+      expect(refusal("dock", facts({ lifecycle_state }, { stopped: true }))).toBe("mission_release_first");
+      expect(refusal("dock", facts({ lifecycle_state, estop_engaged: true, paused: true }))).toBe("mission_release_first");
+    }
+  });
+
+  it("name what each of them ends", () => {
+    expect(ACTIONS.filter((action) => ENDS[action] !== null)).toEqual(["abort", "skip", "dock"]);
   });
 
   it("do not strand a robot that drives to its charger", () => {

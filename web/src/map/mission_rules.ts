@@ -72,11 +72,23 @@ function obstacle(action: MissionAction, facts: MissionFacts): TextKey | null {
     case "skip":
       return mission.lifecycle_state === "INSPECTING" && mission.current_target !== "" ? null : "mission_skip_in_inspection";
     case "dock":
-      return RESUMABLE.includes(mission.lifecycle_state) ? null : "mission_dock_while_active";
+      if (!RESUMABLE.includes(mission.lifecycle_state)) return "mission_dock_while_active";
+      return isStopped ? "mission_release_first" : null;
     case "reset":
       return mission.lifecycle_state === "FAULT" ? null : "mission_reset_in_fault";
   }
 }
+
+/** What an action ends or gives up, which a person confirms, be it by holding a button; null where it ends nothing. */
+export const ENDS: Readonly<Record<MissionAction, TextKey | null>> = {
+  start: null,
+  pause: null,
+  resume: null,
+  abort: "mission_abort_hint",
+  skip: "mission_skip_hint",
+  dock: "mission_dock_hint",
+  reset: null,
+};
 
 /** The tag ids of a text, divided by commas or spaces; duplicates are kept, since a mission may visit a tag twice. */
 export function readTagIds(text: string): string[] {

@@ -2,7 +2,7 @@ import { Command } from "cmdk";
 import { Search } from "lucide-react";
 import { useEffect, useRef, useState } from "react";
 import { hasControl, useConsole } from "@/api/console_store";
-import { useMotionObstacles } from "@/hooks/use_situation";
+import { useMotionObstacles, useNavigates } from "@/hooks/use_situation";
 import { type Text, type TextKey, useLanguage, useText } from "@/i18n/text";
 import { useIsMissionStale, useMissionFacts, useMissionState } from "@/map/use_mission";
 import { useIsRewound } from "@/rewind/state";
@@ -15,6 +15,23 @@ import { useOverlayState } from "./overlays";
 import { type Command as PaletteCommand, commandsFor } from "./palette/commands";
 import { perform } from "./palette/perform";
 import { scoreOf } from "./palette/search";
+
+/** A second choice within this time belongs to the first one, as of a double click. */
+const APART_MS = 400;
+
+interface Choice {
+  id: string;
+  /** performance.now() */
+  atMs: number;
+}
+
+function firstChoice(id: string): Choice {
+  return { id, atMs: performance.now() };
+}
+
+function isConfirmed(pending: Choice | null, id: string): boolean {
+  return pending?.id === id && performance.now() - pending.atMs >= APART_MS;
+}
 
 /** Every command by its name: Ctrl or Cmd and K. */
 export function CommandPalette() {
@@ -32,10 +49,16 @@ function Commands({ onChosen }: { onChosen: () => void }) {
   const commands = useCommands();
   const [query, setQuery] = useState("");
   const input = useRef<HTMLInputElement>(null);
+  /** The command that was chosen and waits for its confirmation. */
+  const [pending, setPending] = useState<Choice | null>(null);
   useEffect(() => input.current?.focus(), []);
   const groups = [...new Set(commands.map(({ group }) => group))];
 
   async function choose(command: PaletteCommand): Promise<void> {
+    if (command.ends !== undefined && !isConfirmed(pending, command.id)) {
+      setPending((last) => (last?.id === command.id ? last : firstChoice(command.id)));
+      return;
+    }
     onChosen();
     try {
       const outcome = await perform(command.action);
@@ -52,9 +75,14 @@ function Commands({ onChosen }: { onChosen: () => void }) {
         <Command.Input
           ref={input}
           value={query}
-          onValueChange={setQuery}
+          onValueChange={(typed) => {
+            setQuery(typed);
+            setPending(null);
+          }}
           placeholder={text("palette_search")}
           onKeyDown={(event) => {
+            // A key that is held chooses once: it must not confirm, too.
+            if (event.key === "Enter" && event.repeat) event.preventDefault();
             // No command begins with a space, so it stops here too.
             if (event.code !== "Space" || query !== "") return;
             event.preventDefault();
@@ -68,7 +96,7 @@ function Commands({ onChosen }: { onChosen: () => void }) {
         {groups.map((group) => (
           <Command.Group key={group} heading={text(group)} className="[&_[cmdk-group-heading]]:px-3 [&_[cmdk-group-heading]]:pt-3 [&_[cmdk-group-heading]]:pb-1 [&_[cmdk-group-heading]]:text-xs [&_[cmdk-group-heading]]:text-text-3">
             {commands.filter((command) => command.group === group).map((command) => (
-              <Item key={command.id} command={command} text={text} onSelect={() => void choose(command)} />
+              <Item key={command.id} command={command} text={text} isPending={pending?.id === command.id} onSelect={() => void choose(command)} />
             ))}
           </Command.Group>
         ))}
@@ -77,8 +105,8 @@ function Commands({ onChosen }: { onChosen: () => void }) {
   );
 }
 
-function Item({ command, text, onSelect }: { command: PaletteCommand; text: Text; onSelect: () => void }) {
-  const { id, obstacle } = command;
+function Item({ command, text, isPending, onSelect }: { command: PaletteCommand; text: Text; isPending: boolean; onSelect: () => void }) {
+  const { id, obstacle, ends } = command;
   const label = labelOf(command, text);
   return (
     <Command.Item
@@ -90,6 +118,11 @@ function Item({ command, text, onSelect }: { command: PaletteCommand; text: Text
     >
       <span className="grow">{label}</span>
       {obstacle !== null && <span className="text-xs text-text-3">{text(obstacle.key, obstacle.values)}</span>}
+      {obstacle === null && isPending && ends !== undefined && (
+        <span role="status" className="text-right text-xs text-attention">
+          {text(ends)}. {text("palette_confirm")}
+        </span>
+      )}
     </Command.Item>
   );
 }
@@ -106,6 +139,7 @@ function useCommands(): PaletteCommand[] {
   const missionState = useMissionState();
   const mission = useMissionFacts(useIsMissionStale() ? null : missionState);
   const goalObstacle = useMotionObstacles()[0] ?? null;
+  const navigates = useNavigates();
   const presetObstacle = usePresetObstacles()[0] ?? null;
   const language = useLanguage((store) => store.language);
   const mine = hasControl(state);
@@ -121,6 +155,7 @@ function useCommands(): PaletteCommand[] {
     isViewer,
     mission,
     goalObstacle,
+    navigates,
     presetObstacle,
     locations: state.locations,
     language,

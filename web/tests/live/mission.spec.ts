@@ -45,7 +45,7 @@ test("a person resets a fault, drives by hand, runs a mission to its end, and in
   await expect(says).toContainText("Mission done", { timeout: 150_000 });
 
   // An inspection of all known tags is aborted; one of a tag, twice, is skipped once.
-  const skip = page.getByRole("button", { name: /^Skip tag \d/ });
+  const skip = page.getByRole("button", { name: /^Hold to skip tag \d/ });
   await page.getByText("Inspect tags").click();
   await page.getByTestId("start-mission").click();
   const tag = /\d+/.exec((await skip.textContent()) ?? "")?.[0] ?? "";
@@ -54,7 +54,7 @@ test("a person resets a fault, drives by hand, runs a mission to its end, and in
   await page.getByText("Inspect tags").click();
   await page.getByLabel("Tags to inspect").fill(`${tag}, ${tag}`);
   await page.getByTestId("start-mission").click();
-  await skip.click();
+  await holdButton(page, skip);
   await expect(page.getByText("1 skipped", { exact: false }).first()).toBeVisible();
   await expect(says).toContainText("Mission done", { timeout: 150_000 });
   expect(errors).toEqual([]);

@@ -133,3 +133,36 @@ test("the robot is not relocated while a mission drives it", async ({ page }) =>
   await expect(page.getByText("the mission is driving", { exact: false }).first()).toBeVisible();
   await expect(page.getByTestId("send-pose")).toBeDisabled();
 });
+
+test("what ends or replaces a running mission is held or confirmed, and is not offered against the stop", async ({ page }) => {
+  await openMock(page, "map", "state=mission&control=you");
+  await hold(page, "release");
+  const sentence = page.getByTestId("sentence");
+  const dock = page.getByRole("button", { name: "Hold to stop inspecting and dock" });
+  const skip = page.getByRole("button", { name: /^Hold to skip tag/ });
+  await expect(dock).toHaveAttribute("title", /Breaks off what the mission does/);
+  const before = await skip.textContent();
+  await dock.click();
+  await skip.click();
+  // A command of the palette that ends something is chosen twice; a key that is held, or a double click, is one choice.
+  await page.keyboard.press("Control+k");
+  await page.keyboard.type("abort");
+  const option = page.getByRole("option", { name: /Abort the mission/ });
+  await option.dblclick();
+  await expect(option).toContainText("Choose it again to confirm");
+  await page.keyboard.press("Escape");
+  await expect(skip).toHaveText(before ?? "");
+  await expect(sentence).not.toContainText("dock");
+  await page.keyboard.press("Space");
+  await expect(dock).toBeDisabled();
+  await expect(dock).toHaveAttribute("title", "release the stop first");
+  await hold(page, "release");
+  await expect(dock).toBeEnabled();
+  await page.keyboard.press("Control+k");
+  await page.keyboard.type("abort");
+  await option.click();
+  await page.waitForTimeout(500);
+  await option.click();
+  await expect(page.getByRole("dialog")).toHaveCount(0);
+  await expect(skip).toHaveCount(0);
+});

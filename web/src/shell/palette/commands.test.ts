@@ -25,6 +25,7 @@ const FREE: CommandFacts = {
   isViewer: false,
   mission: READY,
   goalObstacle: null,
+  navigates: false,
   presetObstacle: null,
   locations: { home: { x: 0, y: 0, yaw: 0 } },
   language: "en",
@@ -32,6 +33,13 @@ const FREE: CommandFacts = {
 const obstacles = (facts: CommandFacts) => new Map(commandsFor(facts).map(({ id, obstacle }) => [id, obstacle]));
 
 describe("the palette's commands", () => {
+  it("are confirmed where they end or replace what runs", () => {
+    const ending = (facts: CommandFacts) => commandsFor(facts).flatMap(({ id, ends }) => (ends === undefined ? [] : [id]));
+    expect(ending(FREE)).toEqual([]);
+    expect(ending({ ...FREE, mission: INSPECTING })).toEqual(["skip", "abort"]);
+    expect(ending({ ...FREE, navigates: true })).toEqual(["start exploration", "start inspection", "drive home"]);
+  });
+
   it("have ids of their own and texts in both languages", () => {
     const commands = commandsFor({ ...FREE, mission: INSPECTING });
     expect(new Set(commands.map(({ id }) => id)).size).toBe(commands.length);

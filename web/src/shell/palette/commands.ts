@@ -2,7 +2,7 @@
 import type { Location } from "@/api/console_store";
 import { ARM_PRESETS, LED_COLORS } from "@/generated/robot";
 import { LANGUAGES, type Language, type TextKey, type TextValues } from "@/i18n/text";
-import { type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
+import { ENDS, type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
 import { isActive } from "@/state/sentence";
 import type { Reason } from "@/state/can_drive";
 import type { TabId } from "@/tabs/table";
@@ -33,6 +33,8 @@ export interface Command {
   action: Action;
   /** Why it cannot be given now; null where it can. */
   obstacle: Reason | null;
+  /** What it ends or replaces, so that it is confirmed; absent where it ends nothing. */
+  ends?: TextKey;
 }
 
 export interface CommandFacts {
@@ -47,6 +49,8 @@ export interface CommandFacts {
   mission: MissionFacts;
   /** Why no goal can be sent, as on the map; null where it can. */
   goalObstacle: Reason | null;
+  /** Navigation pursues a goal, which another goal and a mission replace. */
+  navigates: boolean;
   /** Why the arm cannot be moved to a preset, as in its view; null where it can. */
   presetObstacle: Reason | null;
   locations: Readonly<Record<string, Location>>;
@@ -98,11 +102,14 @@ function obstacleOf({ linkOpen, isRewound, mayCommand }: CommandFacts): Reason |
   return reasonOf(isRewound ? "rewind_no_command" : !linkOpen ? "palette_no_link" : mayCommand ? null : "palette_needs_control");
 }
 
-function missionCommands({ mission: facts }: CommandFacts): Command[] {
+function missionCommands({ mission: facts, navigates }: CommandFacts): Command[] {
   const { mission } = facts;
   const commands: Command[] = [];
-  const add = (id: string, label: TextKey, action: Action, request: MissionAction, values?: TextValues) =>
-    commands.push({ id, group: "palette_mission", label, action, obstacle: reasonOf(refusal(request, facts)), ...(values === undefined ? {} : { values }) });
+  const add = (id: string, label: TextKey, action: Action, request: MissionAction, values?: TextValues) => {
+    const ends = request === "start" && navigates ? "map_replaces_goal" : ENDS[request];
+    const optional = { ...(values === undefined ? {} : { values }), ...(ends === null ? {} : { ends }) };
+    commands.push({ id, group: "palette_mission", label, action, obstacle: reasonOf(refusal(request, facts)), ...optional });
+  };
   if (mission === null) return [];
   if (!isActive(mission)) {
     add("start exploration", "palette_start_exploration", { kind: "start", missionType: "ExplorationMission" }, "start");
@@ -126,6 +133,7 @@ function motionCommands(facts: CommandFacts): Command[] {
     values: { location: name },
     action: { kind: "drive", to },
     obstacle: facts.goalObstacle,
+    ...(facts.navigates ? { ends: "map_replaces_goal" } : {}),
   }));
   const presets = Object.keys(ARM_PRESETS).map((name): Command => ({
     id: `preset ${name}`,

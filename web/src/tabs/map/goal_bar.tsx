@@ -2,7 +2,7 @@ import { Check, Navigation, X } from "lucide-react";
 import { type ReactNode, useEffect, useLayoutEffect } from "react";
 import { TOPICS } from "@/generated/graph";
 import { useNow } from "@/hooks/use_now";
-import { useMotionObstacles, useRelocationObstacles } from "@/hooks/use_situation";
+import { useMotionObstacles, useNavigates, useRelocationObstacles } from "@/hooks/use_situation";
 import { type TextKey, useText } from "@/i18n/text";
 import { changeApproach } from "@/map/approaches";
 import { goalProgress } from "@/map/goal";
@@ -63,6 +63,7 @@ function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null })
   const { pose, kind } = draft;
   const goalObstacle = useMotionObstacles()[0];
   const relocationObstacle = useRelocationObstacles()[0];
+  const navigates = useNavigates();
   const obstacle = kind === "goal" ? goalObstacle : kind === "relocate" ? relocationObstacle : undefined;
   const place = { x: fixed(pose.x, 2), y: fixed(pose.y, 2), tag: draft.name ?? "" };
   // SLAM does not listen: the console has it load its map again, with the robot elsewhere.
@@ -94,6 +95,7 @@ function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null })
           {title} <span className="font-normal text-text-2 numeric">{fixed(toDegrees(pose.yaw), 0)}°</span>
         </p>
         {kind === "goal" && <PathLine preview={preview} />}
+        {kind === "goal" && canSend && navigates && <p className="text-xs text-attention">{text("map_replaces_goal")}</p>}
         {obstacle !== undefined && <p className="text-xs text-attention">{text("map_blocked", { reason: text(obstacle.key, obstacle.values) })}</p>}
       </div>
       <div className="flex gap-2">

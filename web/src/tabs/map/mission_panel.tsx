@@ -3,10 +3,10 @@ import { useMemo } from "react";
 import { TOPICS } from "@/generated/graph";
 import { useTimeValue } from "@/hooks/use_now";
 import { useTopics } from "@/hooks/use_topic";
-import { type Text, useText } from "@/i18n/text";
+import { type Text, type TextKey, useText } from "@/i18n/text";
 import type { Visit } from "@/map/events";
 import { useMissionLog } from "@/map/mission_log";
-import { MISSION_SERVICES, type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
+import { ENDS, MISSION_SERVICES, type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
 import { transitStops } from "@/map/transit";
 import { type Mission, isRunning, useIsMissionStale, useMissionFacts, useMissionState } from "@/map/use_mission";
 import { call } from "@/robot";
@@ -107,9 +107,14 @@ function useShownVisits(): readonly Visit[] {
   return useMemo(() => (shownS === null ? visits : visits.filter(({ timeS }) => timeS <= shownS)), [visits, shownS]);
 }
 
+const DOCK_LABELS: Readonly<Record<string, TextKey>> = {
+  EXPLORING: "mission_dock_exploring",
+  INSPECTING: "mission_dock_inspecting",
+  MONITORING: "mission_dock_monitoring",
+};
+
 function ActiveControls({ mission, facts }: { mission: Mission; facts: MissionFacts }) {
   const text = useText();
-  const abortRefusal = refusal("abort", facts);
   return (
     <div className="flex flex-wrap items-center gap-2 max-md:w-full max-md:*:grow">
       {mission.paused ? (
@@ -118,23 +123,15 @@ function ActiveControls({ mission, facts }: { mission: Mission; facts: MissionFa
         <Trigger action="pause" facts={facts} label={text("mission_pause")} icon={<CirclePause />} />
       )}
       {mission.lifecycle_state === "INSPECTING" && (
-        <Trigger
+        <HeldTrigger
           action="skip"
           facts={facts}
           label={mission.current_target === "" ? text("mission_skip_none") : text("mission_skip", { tag: mission.current_target })}
           icon={<SkipForward />}
         />
       )}
-      <Trigger action="dock" facts={facts} label={text("mission_dock")} icon={<House />} />
-      <HoldButton
-        tone="dark"
-        disabled={abortRefusal !== null}
-        title={abortRefusal === null ? undefined : text(abortRefusal)}
-        onHeld={() => void trigger("abort")}
-        className="h-10 max-xl:h-11 pointer-coarse:h-11"
-      >
-        {text("mission_abort")}
-      </HoldButton>
+      <HeldTrigger action="dock" facts={facts} label={text(DOCK_LABELS[mission.lifecycle_state] ?? "mission_dock")} icon={<House />} />
+      <HeldTrigger action="abort" facts={facts} label={text("mission_abort")} />
     </div>
   );
 }
@@ -154,11 +151,30 @@ async function trigger(action: Exclude<MissionAction, "start">): Promise<void> {
 }
 
 interface TriggerProps {
-  action: Exclude<MissionAction, "start" | "abort">;
+  action: Exclude<MissionAction, "start">;
   facts: MissionFacts;
   label: string;
-  icon: React.ReactNode;
+  icon?: React.ReactNode;
   isPrimary?: boolean;
+}
+
+/** For what ends or gives up something: it acts after it was held, and says what it ends. */
+function HeldTrigger({ action, facts, label, icon }: TriggerProps) {
+  const text = useText();
+  const reason = refusal(action, facts);
+  const hint = reason ?? ENDS[action];
+  return (
+    <HoldButton
+      tone="dark"
+      disabled={reason !== null}
+      title={hint === null ? undefined : text(hint)}
+      onHeld={() => void trigger(action)}
+      className="h-10 max-xl:h-11 pointer-coarse:h-11 [&_svg]:size-4"
+    >
+      {icon}
+      {label}
+    </HoldButton>
+  );
 }
 
 function Trigger({ action, facts, label, icon, isPrimary = false }: TriggerProps) {

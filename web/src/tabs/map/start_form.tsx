@@ -1,12 +1,14 @@
 import { Play } from "lucide-react";
 import { useState } from "react";
 import { SERVICES } from "@/generated/graph";
+import { useNavigates } from "@/hooks/use_situation";
 import { type TextKey, useText } from "@/i18n/text";
 import { useMissionLog } from "@/map/mission_log";
 import { readTagIds } from "@/map/mission_rules";
 import { call } from "@/robot";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
+import { HoldButton } from "@/ui/hold_button";
 import { Segments } from "@/ui/segments";
 import { ALL_TAGS } from "./mission_panel";
 
@@ -21,6 +23,7 @@ export function StartForm({ refusal }: { refusal: TextKey | null }) {
   const [goal, setGoal] = useState("");
   const [tags, setTags] = useState("");
   const [isBusy, setBusy] = useState(false);
+  const navigates = useNavigates();
   const isExploration = type === "ExplorationMission";
 
   async function start(): Promise<void> {
@@ -44,7 +47,7 @@ export function StartForm({ refusal }: { refusal: TextKey | null }) {
       className="flex flex-wrap items-center justify-end gap-2 max-md:w-full max-md:justify-start"
       onSubmit={(event) => {
         event.preventDefault();
-        void start();
+        if (!navigates) void start();
       }}
     >
       <Segments
@@ -84,17 +87,28 @@ export function StartForm({ refusal }: { refusal: TextKey | null }) {
           className={`${FIELD} w-52 grow`}
         />
       )}
-      <Button
-        kind="primary"
-        type="submit"
-        disabled={refusal !== null || isBusy}
-        title={refusal === null ? undefined : text(refusal)}
-        className="max-md:grow"
-        data-testid="start-mission"
-      >
-        <Play />
-        {text("mission_start")}
-      </Button>
+      {navigates ? (
+        <HoldButton
+          disabled={refusal !== null || isBusy}
+          title={text(refusal ?? "map_replaces_goal")}
+          onHeld={() => void start()}
+          className="h-10 max-xl:h-11 max-md:grow pointer-coarse:h-11"
+        >
+          {text("mission_start_over_goal")}
+        </HoldButton>
+      ) : (
+        <Button
+          kind="primary"
+          type="submit"
+          disabled={refusal !== null || isBusy}
+          title={refusal === null ? undefined : text(refusal)}
+          className="max-md:grow"
+          data-testid="start-mission"
+        >
+          <Play />
+          {text("mission_start")}
+        </Button>
+      )}
     </form>
   );
 }
