@@ -30,6 +30,7 @@ from lupin_runtime.console.command_era import CommandEra, Refusal, always_valid
 from lupin_runtime.console.estop_reasons import OF_CONSOLES, EstopReasons
 from lupin_runtime.console.goals import ActionClientPool, GoalSender
 from lupin_runtime.console.interfaces import absolute
+from lupin_runtime.console.motion_watch import MotionWatch
 from lupin_runtime.console.providers import ActionProvider, ServiceProvider
 from lupin_runtime.console.publisher_pool import PublisherPool
 from lupin_runtime.console.rosapi import RosApi
@@ -100,6 +101,7 @@ class Bridge:
         self._was_stopped = False
         self._stopped_ns = -_ESTOP_DELAY_NS  # when a client last held the stop
         self._estop = EstopReasons(node)
+        self._motion = MotionWatch(node)
         self._era = CommandEra(lambda: self._estop.changes)
         now = node.get_clock().now
         self._now: values.Now = lambda: now().to_msg()
@@ -261,6 +263,10 @@ class Bridge:
         called.add_done_callback(self._log_failure)
         return answered
 
+    def map_refusal(self) -> str:
+        """Return why the map must not be replaced now; empty if it may be."""
+        return self._motion.refusal()
+
     def _call_rosapi(self, client: Client, service: str, arguments: Any, done: Done) -> None:
         def call() -> None:
             try:
@@ -402,5 +408,6 @@ class Bridge:
 
     def _maintain(self) -> None:
         self._estop.update()
+        self._motion.update()
         self._topics.follow_publishers()
         self._publishers.close_unused()

@@ -24,6 +24,7 @@ from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import Connection, Connections, Handoff
 from lupin_runtime.console.doctor import Doctor, DoctorError
 from lupin_runtime.console.events import EventChannel
+from lupin_runtime.console.maps import Maps
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.plays import Plays
 from lupin_runtime.console.program import LupinProgram
@@ -41,6 +42,7 @@ from lupin_runtime.console.sessions import SESSION_LIFETIME_S, Sessions
 from lupin_runtime.console.shared_data import SharedData
 from lupin_runtime.console.stop_registry import press_name
 from lupin_runtime.console.video import VideoRelay
+from lupin_runtime.stack.runs import Run
 
 COOKIE = "lupin_session"
 MAX_CLIENTS = 256
@@ -100,10 +102,11 @@ class Origin:
         codes: PairingCodes,
         doctor_command: Sequence[str],
         video_target: str,
+        run: Run,
         overrides_file: Path,
         root_certificate: Path | None = None,
     ) -> None:
-        """`overrides_file` has the approach overrides of the run's mission.
+        """`run` is the run that browsers see; `overrides_file` has the approach overrides of the run's mission.
 
         `root_certificate` is the file that devices install; with one, browsers on other computers are sent to HTTPS."""
         program = LupinProgram(doctor_command)
@@ -118,6 +121,7 @@ class Origin:
         self._codes = codes
         self._events = EventChannel()
         self._shared = SharedData(bridge, self._events)
+        self._maps = Maps(bridge, run)
         self._approaches = Approaches(bridge, self._events, overrides_file)
         self._rewind = Rewind()
         self._open: dict[Connection, Session] = {}
@@ -162,6 +166,7 @@ class Origin:
                 *run_files.resources(),
                 *self._rewind.resources(),
                 *self._approaches.resources(),
+                *self._maps.resources(),
                 *self._shared.resources(),
                 *self._plays.resources(),
                 *self.video.resources(),

@@ -44,7 +44,6 @@ def resources() -> tuple[Resource, ...]:
         Resource("/_api/runs/{run}/logs", _logs, "The names of the processes that have logs."),
         Resource("/_api/runs/{run}/logs/{process}", _log, f"The end of a process's log as text, up to {MAX_LOG_BYTES} bytes."),
         Resource("/_api/runs/{run}/commands", _commands, f"The command journal: the last {MAX_COMMANDS} commands of clients."),
-        Resource("/_api/maps", _maps, "The names of the saved maps."),
         Resource("/_api/maps/{map}", _map, "A file of a saved map: its YAML, or the image that the YAML names."),
     )
 
@@ -91,10 +90,6 @@ async def _log(request: web.Request) -> web.StreamResponse:
 async def _commands(request: web.Request) -> web.StreamResponse:
     run = await chosen_run(request)
     return web.json_response(await asyncio.to_thread(_last_commands, run.path / "console_commands.jsonl"))
-
-
-async def _maps(_: web.Request) -> web.StreamResponse:
-    return web.json_response(await asyncio.to_thread(lambda: sorted(path.stem for path in maps_folder().glob("*.yaml"))))
 
 
 async def _map(request: web.Request) -> web.StreamResponse:

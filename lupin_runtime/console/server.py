@@ -76,6 +76,7 @@ class ConsoleServer:
             codes,
             doctor_command,
             video_target,
+            run,
             overrides_file,
             certificate.store.root_path if certificate else None,
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import threading
 import zipfile
 from collections.abc import Iterator
@@ -116,6 +117,8 @@ def test_only_session_in_control_changes_shared_data(browser: Browser, console: 
         ("/_api/locations", {"name": "a", "pose": POSE}),
         ("/_api/settings", {"settings": {"speedScale": 0.1}}),
         ("/_api/maps", {"name": "mine"}),
+        ("/_api/maps/load", {"name": "mine"}),
+        ("/_api/maps/delete", {"name": "mine"}),
         ("/_api/maps/relocate", {"pose": POSE}),
         ("/_api/approaches", {"tag": "7", "pose": POSE}),
     ):
@@ -289,6 +292,78 @@ def test_saved_map_can_be_loaded(graph_host: GraphHost, browser: Browser, peer: 
         assert browser.request("POST", "/_api/maps/load", {"name": bad})[0] == 400
     assert len(loaded) == 1
     assert "load map house" in (tmp_path / "console_commands.jsonl").read_text()
+
+
+def write_map(folder: Path, name: str) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{name}.yaml").write_text(f"image: {name}.pgm\n")
+    with zipfile.ZipFile(folder / f"{name}.posegraph", "w") as file:
+        file.writestr("poses.npy", b"x")
+
+
+def test_map_stays_while_a_mission_or_a_goal_drives(
+    graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path, tmp_path: Path
+) -> None:
+    from std_msgs.msg import String
+
+    from lupin_runtime.ros.interfaces import interface
+
+    loaded: list[str] = []
+
+    def load(request: Any, response: Any) -> Any:
+        loaded.append(request.filename)
+        return response
+
+    write_map(state.parent / "maps", "house")
+    peer.create_service(interface(graph.SLAM_DESERIALIZE.type), graph.SLAM_DESERIALIZE.name, load)
+    missions, bus = peer.publisher(graph.MISSION_STATE), peer.publisher(graph.DRIVE_STATUS)
+    message = interface(graph.MISSION_STATE.type)
+
+    def answer() -> tuple[int, Any]:
+        status, found = browser.request("POST", "/_api/maps/load", {"name": "house"})
+        return status, found["error"] if status == 409 else found
+
+    missions.publish(message(lifecycle_state="EXPLORING"))
+    graph_host.until(lambda: answer()[0] == 409, what="the mission's state")
+    assert answer() == (409, "house was not loaded: a mission is running (EXPLORING); abort it first, or wait for its end")
+    missions.publish(message(lifecycle_state="INSPECTING", paused=True))
+    graph_host.until(lambda: "INSPECTING" in str(answer()[1]), what="a paused mission, whose map stays, too")
+    bus.publish(String(data=json.dumps({"winner": "auto"})))
+    missions.publish(message(lifecycle_state="DONE"))
+    graph_host.until(lambda: "drives to a goal" in str(answer()[1]), what="the drive bus")
+    before = len(loaded)
+    bus.publish(String(data=json.dumps({"winner": None})))
+    graph_host.until(lambda: answer() == (200, {"loaded": "house"}), what="a map that may be replaced")
+    assert len(loaded) > before
+    rows = [json.loads(line) for line in (tmp_path / "console_commands.jsonl").read_text().splitlines()]
+    assert any(row["what"] == "load map house" and "a mission is running" in row.get("refused", "") for row in rows)
+
+
+def test_saved_map_is_deleted_unless_it_is_loaded(browser: Browser, state: Path, tmp_path: Path) -> None:
+    folder = state.parent / "maps"
+    for name in ("green house", "hall"):
+        write_map(folder, name)
+    (tmp_path / "run.json").write_text(json.dumps({"options": {"map_file": str(folder / "hall.yaml")}}))
+    (tmp_path / "other.yaml").write_text("x")
+    listed = browser.get("/_api/maps")
+    assert (listed["folder"], listed["loaded"]) == (str(folder), "hall")
+    assert [(each["name"], each["loadable"]) for each in listed["maps"]] == [("green house", True), ("hall", True)]
+    command = listed["maps"][0]["command"]
+    assert shlex.split(command) == ["lupin", "up", "--map", str(folder / "green house.yaml")]
+
+    def delete(name: Any) -> tuple[int, Any]:
+        return browser.request("POST", "/_api/maps/delete", {"name": name})
+
+    assert delete("hall") == (409, {"error": "hall was not deleted: it is the loaded map of this run"})
+    (tmp_path / "loaded_map.json").write_text('{"name": "green house"}')
+    assert delete("green house")[0] == 409
+    assert delete("hall") == (200, {"deleted": "hall"})
+    assert delete("hall") == (409, {"error": "hall was not deleted: there is no such map"})
+    for bad in ("../../other", "/etc/passwd", "", None, 3, ["hall"]):
+        assert delete(bad)[0] == 400
+    assert sorted(path.name for path in folder.iterdir()) == ["green house.posegraph", "green house.yaml"]
+    assert (tmp_path / "other.yaml").exists()
+    assert "delete map hall" in journal(tmp_path)
 
 
 def test_robot_is_relocated_on_the_present_map(
