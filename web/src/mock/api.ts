@@ -1,4 +1,5 @@
 /** The mock HTTP API: answers the requests that the page sends to its own origin. */
+import type { SavedMaps } from "@/map/saved_maps";
 import { SETTINGS, SETTINGS_VERSION } from "@/generated/settings";
 import { MAX_LOG_LINES, commandRows, logText } from "./stored_logs";
 import { type MockAuthority, RequestRefused } from "./authority";
@@ -25,6 +26,7 @@ export class MockApi {
   };
   private approaches: Record<string, Record<string, number>> = {};
   private settings: Record<string, unknown> = {};
+  private loadedMap: string | null = null;
 
   constructor(
     private readonly robot: MockRobot,
@@ -84,7 +86,7 @@ export class MockApi {
     "GET /_api/settings": () => ({ version: SETTINGS_VERSION, settings: this.settings, table: [] }),
     "POST /_api/settings": ({ settings }) => this.changeSettings(settings as Body),
     "GET /_api/arm/library": () => JSON.parse(this.robot.world.library.listing()),
-    "GET /_api/maps": () => [...this.robot.maps].toSorted(),
+    "GET /_api/maps": () => this.savedMaps(),
     "POST /_api/maps": ({ name }) => {
       this.authority.take();
       answerService(SERVICES.SLAM_SAVE_MAP.name, { name: { data: name } }, this.robot);
@@ -93,7 +95,15 @@ export class MockApi {
     "POST /_api/maps/load": ({ name }) => {
       this.authority.take();
       if (!this.robot.maps.has(String(name))) throw new RequestRefused(`${String(name)} was not loaded: there is no ${String(name)}.posegraph`, 409);
+      if (this.robot.world.mission.isRunning) throw new RequestRefused(`${String(name)} was not loaded: a mission is running; abort it first, or wait for its end`, 409);
+      this.loadedMap = String(name);
       return { loaded: name };
+    },
+    "POST /_api/maps/delete": ({ name }) => {
+      this.authority.take();
+      if (name === this.loadedMap) throw new RequestRefused(`${String(name)} was not deleted: it is the loaded map of this run`, 409);
+      if (!this.robot.maps.delete(String(name))) throw new RequestRefused(`${String(name)} was not deleted: there is no such map`, 409);
+      return { deleted: name };
     },
     "POST /_api/maps/relocate": ({ pose }) => {
       this.authority.take();
@@ -121,6 +131,16 @@ export class MockApi {
     "GET /_api/deployments": () => (plays() as { playbook: string }[]).filter(({ playbook }) => playbook === "deploy-robot"),
     "GET /_video/streams": () => cameraRows(this.robot.world),
   };
+
+  private savedMaps(): SavedMaps {
+    const folder = "/home/grower/.local/state/lupin/maps";
+    const saved = [...this.robot.maps].toSorted();
+    return {
+      folder,
+      loaded: this.loadedMap,
+      maps: saved.map((name) => ({ name, saved_s: 1.79e9, loadable: true, command: `lupin up --map '${folder}/${name}.yaml'` })),
+    };
+  }
 
   private changeLocation(name: string, at: unknown): unknown {
     this.authority.take();

@@ -26,13 +26,27 @@ async function drawPose(page: Page): Promise<void> {
   await page.mouse.up();
 }
 
-test("a map is saved and loaded", async ({ page }) => {
+test("a map is saved, chosen, loaded and deleted", async ({ page }) => {
   const errors = await openPlaces(page);
   await page.getByPlaceholder("Name of the map").fill("spring");
   await page.getByRole("button", { name: "Save map" }).click();
   await expect(page.getByText("Map spring saved")).toBeVisible();
+  await expect(page.getByText("lupin up --map '/home/grower/.local/state/lupin/maps/spring.yaml'")).toBeVisible();
   await holdNamed(page, "Hold to load the map spring", "SLAM goes on in the map spring");
+  await expect(page.getByText("It cannot be deleted now: it is the loaded map.")).toBeVisible();
+  await expect(page.getByRole("button", { name: "Hold to delete the map spring" })).toBeDisabled();
+  await page.getByRole("button", { name: "hall", exact: true }).click();
+  await holdNamed(page, "Hold to delete the map hall", "Map hall deleted");
+  await expect(page.getByRole("button", { name: "hall", exact: true })).toHaveCount(0);
   expect(errors).toEqual([]);
+});
+
+test("no map is loaded during a mission, and the page says why", async ({ page }) => {
+  await openMock(page, "map", "state=mission&control=you");
+  await page.getByRole("tab", { name: "Places" }).click();
+  await page.getByRole("button", { name: "hall", exact: true }).click();
+  await expect(page.getByText("It cannot be loaded now: a mission is running.")).toBeVisible();
+  await expect(page.getByRole("button", { name: "Hold to load the map hall" })).toBeDisabled();
 });
 
 test("the robot is relocated by a drawn pose", async ({ page }) => {

@@ -1,8 +1,6 @@
-import { Crosshair, Download, MapPinPlus, Navigation, PencilLine, Save, X } from "lucide-react";
-import { type ReactNode, useEffect, useState } from "react";
+import { Crosshair, Download, MapPinPlus, Navigation, PencilLine, X } from "lucide-react";
 import { type Location, useConsole } from "@/api/console_store";
 import { ask } from "@/api/http";
-import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { changeApproach, overridesFile } from "@/map/approaches";
 import { liveMap } from "@/map/live_map";
@@ -13,64 +11,18 @@ import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { HoldButton } from "@/ui/hold_button";
 import { fixed, toDegrees } from "@/ui/numbers";
+import { Part, SaveForm } from "./part";
+import { SavedMapsPart } from "./saved_maps_part";
 
 /** Named locations, saved maps, the robot's pose, and approaches of tags. */
 export function PlacesPanel() {
   return (
     <div className="flex flex-col gap-5 px-4 py-4">
       <Locations />
-      <Maps />
+      <SavedMapsPart />
       <Relocation />
       <Approaches />
     </div>
-  );
-}
-
-function Part({ title, children }: { title: string; children: ReactNode }) {
-  return (
-    <section className="flex flex-col gap-2">
-      <h3 className="text-sm font-semibold text-text-2">{title}</h3>
-      {children}
-    </section>
-  );
-}
-
-interface SaveFormProps {
-  label: string;
-  placeholder: string;
-  icon: ReactNode;
-  disabled?: boolean;
-  /** Saves under a name; resolves once the server has it. */
-  save: (name: string) => Promise<void>;
-}
-
-function SaveForm({ label, placeholder, icon, disabled = false, save }: SaveFormProps) {
-  const [name, setName] = useState("");
-  const [isBusy, setBusy] = useState(false);
-  return (
-    <form
-      className="flex gap-2"
-      onSubmit={(event) => {
-        event.preventDefault();
-        setBusy(true);
-        save(name.trim())
-          .then(() => setName(""), showProblem)
-          .finally(() => setBusy(false));
-      }}
-    >
-      <input
-        value={name}
-        onChange={(event) => setName(event.target.value)}
-        aria-label={placeholder}
-        placeholder={placeholder}
-        maxLength={64}
-        className="h-10 min-w-0 grow rounded-md border border-line-strong bg-well px-3 placeholder:text-text-3 max-xl:h-11 pointer-coarse:h-11"
-      />
-      <Button type="submit" disabled={disabled || isBusy || name.trim() === ""}>
-        {icon}
-        {label}
-      </Button>
-    </form>
   );
 }
 
@@ -116,69 +68,6 @@ function Locations() {
         ))}
       </ul>
       <SaveForm label={text("map_save_here")} placeholder={text("map_save_here_hint")} icon={<MapPinPlus />} disabled={!isKnown || isStale} save={saveHere} />
-    </Part>
-  );
-}
-
-interface MapList {
-  maps: string[] | null;
-  problem: string;
-}
-
-async function loadMaps(): Promise<MapList> {
-  try {
-    return { maps: await ask<string[]>("/_api/maps"), problem: "" };
-  } catch (error) {
-    return { maps: null, problem: errorText(error) };
-  }
-}
-
-function Maps() {
-  const text = useText();
-  const [{ maps, problem }, setList] = useState<MapList>({ maps: null, problem: "" });
-  const [loading, setLoading] = useState<string | null>(null);
-  useEffect(() => void loadMaps().then(setList), []);
-  const save = async (name: string) => {
-    await ask("/_api/maps", { name });
-    showDone(text("map_saved_map", { name }));
-    setList(await loadMaps());
-  };
-  const load = async (name: string) => {
-    setLoading(name);
-    try {
-      await ask("/_api/maps/load", { name });
-      showDone(text("map_loaded_map", { name }));
-    } catch (error) {
-      showProblem(error);
-    }
-    setLoading(null);
-  };
-  return (
-    <Part title={text("map_maps")}>
-      {problem !== "" && <p className="text-sm text-attention">{text("map_maps_failed", { reason: problem })}</p>}
-      {maps?.length === 0 && <p className="text-text-3">{text("map_no_maps")}</p>}
-      {maps !== null && maps.length > 0 && (
-        <>
-          <ul className="flex flex-col">
-            {maps.map((name) => (
-              <li key={name} className="flex min-h-12 items-center gap-2 border-b border-line">
-                <span className="min-w-0 grow truncate font-semibold">{name}</span>
-                <HoldButton
-                  tone="dark"
-                  disabled={loading !== null}
-                  aria-label={text("map_load_hold", { name })}
-                  className="h-8 px-3 text-xs max-xl:h-11 pointer-coarse:h-11"
-                  onHeld={() => void load(name)}
-                >
-                  {text(loading === name ? "map_loading_map" : "map_load_map")}
-                </HoldButton>
-              </li>
-            ))}
-          </ul>
-          <p className="text-xs text-text-3">{text("map_load_hint")}</p>
-        </>
-      )}
-      <SaveForm label={text("map_save_map")} placeholder={text("map_save_map_hint")} icon={<Save />} save={save} />
     </Part>
   );
 }
