@@ -145,7 +145,7 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
           transition: holding ? `transform ${HOLD_MS}ms linear` : "none",
         }}
       />
-      <span aria-live="polite" className={cn("relative inline-flex items-center gap-2", tone === "light" && disabled !== true && "text-ground")}>
+      <span aria-live="polite" className={cn("relative inline-flex items-center gap-2 align-middle", tone === "light" && disabled !== true && "text-ground")}>
         {clickedMs === null ? children : text("hold_confirm")}
       </span>
     </button>
