@@ -12,6 +12,7 @@ import argparse
 import json
 import os
 import re
+import shlex
 import statistics
 import subprocess
 import sys
@@ -29,6 +30,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from bench import stop_to_sink
+from bench.peers import rosbridge_suite
 from lupin_runtime import graph
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
 from tests.support.raw_websocket import open_raw_websocket, text_frame
@@ -51,7 +53,9 @@ LIMITS = {
 AT_LEAST = ("messages_per_cpu_s", "ratio_to_suite")
 SMALL_HZ = 10_000.0
 _ANSWER_TIMEOUT_S = 20.0
+_START_TIMEOUT_S = 2 * rosbridge_suite.LISTEN_TIMEOUT_S
 _END_TIMEOUT_S = 5.0
+_LAST_WORDS = 2000  # characters of a server's errors
 _CALL_PAUSE_S = 0.02
 
 
@@ -150,7 +154,7 @@ class ServerRig:
         """Start a process that publishes or calls for some seconds; see `publish` and `call`."""
         command = [sys.executable, "-m", "bench.bench_console", "--as", kind, "--seconds", str(seconds)]
         process = subprocess.Popen(command, env=self.environment, stdout=subprocess.PIPE, text=True)
-        self.exits.callback(process.wait, 60)
+        self.exits.callback(_kill, process)  # if the server has failed, it waits for a subscription without end
         return process
 
     def memory_mb(self) -> float:
@@ -165,34 +169,58 @@ class ServerRig:
 
 @contextmanager
 def server_rig(suite: Path | None = None, module: str = "bench.bench_console", role: str = "server") -> Iterator[ServerRig]:
-    """Start the server of a rosbridge_suite checkout, or else of a benchmark's module, on a private graph."""
+    """Start the server of a rosbridge_suite checkout, or else of a benchmark's module, on a private graph.
+
+    Raises SystemExit with the server's last words if it does not listen.
+    """
     claim = claim_domain()
     with ExitStack() as exits, tempfile.TemporaryDirectory() as directory:
         exits.callback(claim.release)
         environment = loopback_environment(claim.domain, Path(directory), {**os.environ, "XDG_STATE_HOME": directory})
         command = [sys.executable, "-m", "bench.peers.rosbridge_suite", str(suite)] if suite else None
+        errors = exits.enter_context(Path(directory, "stderr").open("w+"))
         server = subprocess.Popen(
             command or [sys.executable, "-m", module, "--as", role],
             env=environment,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=errors,
             text=True,
         )
         exits.callback(_end, server)
-        assert server.stdout is not None  # it is a pipe
-        yield ServerRig(
-            int(server.stdout.readline()), psutil.Process(server.pid), environment, exits.enter_context(ExitStack())
-        )
+        port = _read_port(server)
+        if port is None:
+            _end(server)
+            errors.seek(0)
+            last = errors.read().strip()[-_LAST_WORDS:] or f"it said nothing for {_START_TIMEOUT_S:g} s"
+            raise SystemExit(f"{shlex.join(map(str, server.args))} does not listen: {last}")  # type: ignore[arg-type]
+        yield ServerRig(port, psutil.Process(server.pid), environment, exits.enter_context(ExitStack()))
 
 
-def _end(server: subprocess.Popen[str]) -> None:
-    """End a server; rosbridge_suite's does not end by SIGTERM once its ROS context is shut down."""
-    server.terminate()
+def _read_port(server: subprocess.Popen[str]) -> int | None:
+    """Return the port that a server prints once it listens; None if it ends, or is silent for _START_TIMEOUT_S."""
+    assert server.stdout is not None  # it is a pipe
+    timer = threading.Timer(_START_TIMEOUT_S, server.kill)
+    timer.start()
     try:
-        server.wait(_END_TIMEOUT_S)
-    except subprocess.TimeoutExpired:
-        server.kill()
-        server.wait(_END_TIMEOUT_S)
+        line = server.stdout.readline().strip()
+    finally:
+        timer.cancel()
+    return int(line) if line.isdigit() else None
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a process, whatever it does by SIGTERM, and wait until it has ended."""
+    process.terminate()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(_END_TIMEOUT_S)
+    _kill(process)
+
+
+def _kill(process: subprocess.Popen[str]) -> None:
+    process.kill()
+    process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
 
 
 def send(client: ClientConnection, op: str, **fields: Any) -> None:
@@ -361,6 +389,8 @@ def main() -> int:
         return call(options.seconds)
     if options.role:
         return publish(options.role, options.seconds)
+    if options.suite and (problem := rosbridge_suite.missing(options.suite)):
+        parser.error(problem)
     parts: dict[str, Callable[[], dict[str, float]]] = {
         "small messages": lambda: small_messages(options.seconds),
         "calls": lambda: calls_during_robot_load(options.seconds),

@@ -29,6 +29,7 @@ import numpy as np
 import psutil
 
 from bench.bench_console import send, server_rig
+from bench.peers import rosbridge_suite
 from lupin_runtime import graph
 from lupin_runtime.cameras.mjpeg import PartReader
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
@@ -237,6 +238,8 @@ def main() -> int:
         return serve_console(options.video_port)
     if options.role:
         return publish_pictures(options.role)
+    if options.suite and (problem := rosbridge_suite.missing(options.suite)):
+        parser.error(problem)
     figures = {
         f"{kind}, {'console' if through_console else 'video server'}": watch(kind, through_console, options.seconds)
         for kind in ("jpeg", "raw")

@@ -2,15 +2,17 @@
 
     python -m bench.peers.rosbridge_suite FOLDER
 
-FOLDER is a checkout of rosbridge_suite (BSD). For this benchmark, install what it needs into the environment:
-`pip install --no-deps --require-hashes -r bench/peers/rosbridge_suite.lock`. The server also publishes its connected clients,
-with message types (rosbridge_msgs) of which there is no wheel; the class that does this is replaced by an empty one, as the
-benchmarks do not use these topics. Prints the port once the server listens.
+FOLDER is a checkout of rosbridge_suite (BSD). What it needs is not among Lupin's own packages; `missing` names it, with the
+command that installs it. The server also publishes its connected clients, with message types (rosbridge_msgs) of which there is
+no wheel; the class that does this is replaced by an empty one, as the benchmarks do not use these topics. Prints the port once
+the server listens.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import runpy
+import shlex
 import socket
 import sys
 import threading
@@ -19,7 +21,24 @@ import types
 from pathlib import Path
 from typing import TextIO
 
-_LISTEN_TIMEOUT_S = 30.0
+LISTEN_TIMEOUT_S = 30.0
+_SCRIPT = Path("rosbridge_server", "scripts", "rosbridge_websocket.py")
+_LOCK = Path(__file__).with_suffix(".lock")
+_MODULES = {"tornado": "tornado", "bson": "pymongo", "PIL": "pillow"}  # what the server imports, and the package that has it
+
+
+def missing(folder: Path) -> str:
+    """Return what keeps the server of a checkout from running here, with the next command; empty if nothing does."""
+    if not (folder / _SCRIPT).is_file():
+        return (
+            f"{folder} is no checkout of rosbridge_suite: it has no {_SCRIPT}; "
+            "get one with: git clone https://github.com/RobotWebTools/rosbridge_suite"
+        )
+    packages = [package for module, package in _MODULES.items() if importlib.util.find_spec(module) is None]
+    if not packages:
+        return ""
+    command = [sys.executable, "-m", "pip", "install", "--no-deps", "--require-hashes", "-r", str(_LOCK)]
+    return f"rosbridge_suite needs {', '.join(packages)} in this environment; install them with: {shlex.join(command)}"
 
 
 class _ClientManager:
@@ -33,7 +52,7 @@ class _ClientManager:
 
 
 def _print_port_once_listening(port: int, output: TextIO) -> None:
-    deadline_s = time.monotonic() + _LISTEN_TIMEOUT_S
+    deadline_s = time.monotonic() + LISTEN_TIMEOUT_S
     while time.monotonic() < deadline_s:
         try:
             socket.create_connection(("127.0.0.1", port), 1.0).close()
@@ -45,8 +64,10 @@ def _print_port_once_listening(port: int, output: TextIO) -> None:
 
 
 def main() -> None:
-    """Run the server until SIGTERM."""
+    """Run the server until it is killed: once its ROS context is shut down, SIGTERM does not end it."""
     folder = Path(sys.argv[1])
+    if problem := missing(folder):
+        raise SystemExit(problem)
     for package in ("rosbridge_library", "rosbridge_server"):
         sys.path.insert(0, str(folder / package / "src"))  # noqa: TID251 -- the server's own program imports from here
     clients = types.ModuleType("rosbridge_server.client_manager")
@@ -57,7 +78,7 @@ def main() -> None:
         port = free.getsockname()[1]
     threading.Thread(target=_print_port_once_listening, args=(port, sys.stdout), daemon=True).start()
     sys.stdout = sys.stderr  # the server prints to standard output, which is for the port only
-    script = folder / "rosbridge_server" / "scripts" / "rosbridge_websocket.py"
+    script = folder / _SCRIPT
     sys.argv = [str(script), "--port", str(port), "--address", "127.0.0.1"]
     runpy.run_path(str(script), run_name="__main__")
 
