@@ -148,7 +148,7 @@ def code(run: LIVE_RUN = None, as_json: bool = AS_JSON) -> None:
     if as_json:
         print(json.dumps({"url": description.url, "rosbridge_port": description.rosbridge_port, "codes": description.codes}))
         return
-    for url in (description.url, *description.lan_urls()):
+    for url in (description.url, *description.network_urls()):
         echo(url)
     for role, each in description.codes.items():
         echo(f"{spoken(each)} pairs one browser as {role}")

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TextIO
 
-from lupin_runtime.console.banner import ConsoleUrls, banner, console_urls, screen_of
+from lupin_runtime.console.banner import ConsoleUrls, banner, screen_of
 from lupin_runtime.console.description import ConsoleDescription, spoken
-from lupin_runtime.console.host_addresses import host_addresses
 from lupin_runtime.stack.dds import discovery_mode
 
 
@@ -16,14 +15,7 @@ def access_banner(described: ConsoleDescription, environment: Mapping[str, str],
 
     With `share`, it is the code that pairs a viewer. `environment` is that of the console's process.
     """
-    urls = console_urls(
-        host_addresses(),
-        https_port=described.port if described.tls else None,
-        http_port=described.port,
-        loopback_only=described.host in ("127.0.0.1", "localhost", "::1"),
-    )
-    # One port serves HTTP and HTTPS, and redirects other devices to HTTPS.
-    network = tuple(url for url in urls.network if url.startswith("https:") or not described.tls)
+    network = described.network_urls()
     programs = (f"rosbridge ws://localhost:{described.rosbridge_port}",) if described.rosbridge_port else ()
     urls = ConsoleUrls(network, (f"http://localhost:{described.port}", *programs))
     code = described.codes["viewer" if share else "operator"]

@@ -57,16 +57,14 @@ class ConsoleUrls:
     local: tuple[str, ...]
 
 
-def console_urls(
-    reachable: HostAddresses, *, https_port: int | None, http_port: int | None, loopback_only: bool = False
-) -> ConsoleUrls:
+def console_urls(reachable: HostAddresses, *, https_port: int | None, http_port: int | None) -> ConsoleUrls:
     """Return the URLs of a console that serves HTTPS, HTTP or both.
 
     For other devices HTTPS comes first, because browsers give only secure pages access to a microphone; for this machine HTTP,
     which counts as secure on localhost and needs no certificate.
     """
     addresses = [f"[{address}]" if address.version == 6 else str(address) for address in reachable.addresses]
-    hosts = [] if loopback_only else [*addresses, *(name for name in reachable.names if name.endswith(".local"))]
+    hosts = [*addresses, *(name for name in reachable.names if name.endswith(".local"))]
     https = [_url("https", host, https_port) for host in hosts if https_port is not None]
     http = [_url("http", host, http_port) for host in hosts if http_port is not None]
     ports = (("http", http_port), ("https", https_port))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ipaddress
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from lupin_runtime.atomic_file import write_atomically
 from lupin_runtime.bounded_file import read_bounded_text
-from lupin_runtime.console.host_addresses import host_addresses
+from lupin_runtime.console.banner import console_urls
+from lupin_runtime.console.host_addresses import HostAddresses, host_addresses
 from lupin_runtime.json_text import parse_json
 
 _NAME = "console.json"
@@ -31,17 +32,42 @@ class ConsoleDescription:
         """The page's URL for a browser on this computer."""
         return f"http://127.0.0.1:{self.port}/"
 
-    def lan_urls(self) -> list[str]:
-        """Return the page's URLs for browsers on other computers; empty if only this computer is served."""
-        if self.host in ("127.0.0.1", "localhost", "::1"):
-            return []
-        scheme = "https" if self.tls else "http"
-        found = host_addresses().addresses if self.host in ("", "0.0.0.0", "::") else [ipaddress.ip_address(self.host)]
-        return [f"{scheme}://{f'[{each}]' if each.version == 6 else each}:{self.port}/" for each in found]
+    def network_urls(self) -> tuple[str, ...]:
+        """Return the page's URLs for browsers on other devices; see the function of this name."""
+        return network_urls(self.host, self.port, tls=self.tls)
 
     def write(self, folder: Path) -> None:
         """Write the file, which only its owner may read, because it contains the codes."""
         write_atomically(folder / _NAME, json.dumps(asdict(self)), mode=0o600)
+
+
+def serves_only_this_computer(host: str) -> bool:
+    """Return whether a console that listens on `host` cannot be reached from other devices."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def network_urls(host: str, port: int, *, tls: bool) -> tuple[str, ...]:
+    """Return a console's URLs for browsers on other devices, the best first; an empty `host` listens on all addresses.
+
+    Empty if only this computer is served, or if it has no address in a network. One port serves HTTP and HTTPS, and redirects
+    other devices to HTTPS.
+    """
+    if serves_only_this_computer(host):
+        return ()
+    reachable = host_addresses()
+    if host == "0.0.0.0":
+        reachable = replace(reachable, addresses=tuple(each for each in reachable.addresses if each.version == 4))
+    elif host not in ("", "::"):
+        try:
+            reachable = HostAddresses((), (ipaddress.ip_address(host),))
+        except ValueError:
+            return (f"{'https' if tls else 'http'}://{host}:{port}",)
+    if not reachable.addresses:
+        return ()  # the machine's own name leads nowhere, either
+    return console_urls(reachable, https_port=port if tls else None, http_port=None if tls else port).network
 
 
 def read_description(folder: Path) -> ConsoleDescription | None:

@@ -17,6 +17,8 @@ LOOPBACK: tuple[Address, ...] = (ipaddress.IPv4Address("127.0.0.1"), ipaddress.I
 
 # Prefixes of interfaces that only connect this host with its own containers and virtual machines.
 _INTERNAL_INTERFACES = ("docker", "br-", "veth", "virbr", "vmnet", "vboxnet", "lxc", "lxdbr", "cni", "flannel", "podman")
+# Prefixes of tunnels: devices on the same WiFi can't use their addresses, even if the default route goes through one.
+_TUNNELS = ("tun", "tap", "wg", "tailscale", "zt", "ppp", "ipsec", "nordlynx")
 _UNIQUE_LOCAL = ipaddress.IPv6Network("fc00::/7")  # RFC 4193
 _REMOTE_ADDRESS = ("192.0.2.1", 9)  # reserved for documentation (RFC 5737), so outside the local network; nothing is sent
 _LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?")  # RFC 1123, 2.1
@@ -36,7 +38,7 @@ class InterfaceAddress(Protocol):
 
 @dataclass(frozen=True)
 class HostAddresses:
-    """Names in lower case without a final dot, and addresses, beginning with the one that the default route uses."""
+    """Names in lower case without a final dot, and addresses, that of the local network first."""
 
     names: tuple[str, ...]
     addresses: tuple[Address, ...]
@@ -44,7 +46,9 @@ class HostAddresses:
 
 def host_addresses() -> HostAddresses:
     """Return this machine's current names and addresses, without localhost. Queries no name server."""
-    return HostAddresses(names_of(socket.gethostname()), lan_addresses(psutil.net_if_addrs(), _default_source()))
+    states = psutil.net_if_stats()
+    up = {name: entries for name, entries in psutil.net_if_addrs().items() if name in states and states[name].isup}
+    return HostAddresses(names_of(socket.gethostname()), lan_addresses(up, _default_source()))
 
 
 def names_of(host: str) -> tuple[str, ...]:
@@ -66,14 +70,21 @@ def is_dns_name(text: str) -> bool:
 def lan_addresses(interfaces: Mapping[str, Sequence[InterfaceAddress]], preferred: str | None = None) -> tuple[Address, ...]:
     """Return those of psutil's `net_if_addrs` that other devices on the network can use, beginning with `preferred`.
 
+    Those of tunnels and link-local ones come last: they reach only devices in the tunnel, or without a DHCP server.
     Link-local IPv6 addresses are left out, because a URL cannot name the interface that they need; public IPv6 addresses,
     because most of them are replaced every day (RFC 8981).
     """
-    found: list[Address] = []
+    found: dict[Address, bool] = {}  # with whether it is a tunnel's
     for name, entries in interfaces.items():
         if not name.startswith(_INTERNAL_INTERFACES):
-            found += [address for entry in entries if (address := _usable(entry)) is not None and address not in found]
-    return tuple(sorted(found, key=lambda address: (str(address) != preferred, address.version)))
+            for entry in entries:
+                if (address := _usable(entry)) is not None:
+                    found.setdefault(address, name.startswith(_TUNNELS))
+
+    def rank(address: Address) -> tuple[bool, bool, int]:
+        return found[address] or address.is_link_local, str(address) != preferred, address.version
+
+    return tuple(sorted(found, key=rank))
 
 
 def _usable(entry: InterfaceAddress) -> Address | None:

@@ -22,6 +22,7 @@ from lupin_runtime.console.approaches import Approaches
 from lupin_runtime.console.authority import Refused, Role, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import Connection, Connections, Handoff
+from lupin_runtime.console.description import network_urls, serves_only_this_computer, spoken
 from lupin_runtime.console.doctor import Doctor, DoctorError
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.maps import Maps
@@ -104,9 +105,11 @@ class Origin:
         video_target: str,
         run: Run,
         overrides_file: Path,
+        host: str,
         root_certificate: Path | None = None,
     ) -> None:
-        """`run` is the run that browsers see; `overrides_file` has the approach overrides of the run's mission.
+        """`run` is the run that browsers see; `overrides_file` has the approach overrides of the run's mission. `host` is what the
+        server listens on.
 
         `root_certificate` is the file that devices install; with one, browsers on other computers are sent to HTTPS."""
         program = LupinProgram(doctor_command)
@@ -114,6 +117,7 @@ class Origin:
         self._plays = Plays(program)
         self.video = VideoRelay(video_target, self._is_paired)
         self._bridge = bridge
+        self._host = host
         self._root_certificate = root_certificate
         self._handoff = handoff
         self._connections = connections
@@ -147,6 +151,11 @@ class Origin:
                 open=True,
             ),
             Resource("/_api/pair", self._pair, "Pair this browser with a code.", {"code": {"type": "string"}}, open=True),
+            Resource(
+                "/_api/access",
+                self._access,
+                "The page's URLs for other devices; for operators on this computer also the codes that pair one browser each.",
+            ),
             Resource("/_api/lease", self._lease, "Take, request, hand over or give up control.", _LEASE_BODY),
             Resource("/_api/stop", self._stop, "Stop the robot, or release the stops that hold it.", _STOP_BODY),
             Resource("/_api/doctor", self._doctor_state, "The last diagnosis, its time, and what the doctor is doing now."),
@@ -272,6 +281,19 @@ class Origin:
         response = web.json_response({"name": session.name, "role": role.value})
         _set_cookie(request, response, token)
         return response
+
+    async def _access(self, request: web.Request) -> web.StreamResponse:
+        """Describe how another device opens this console.
+
+        Only an operator at this computer, whose terminal shows the codes, gets them: a paired phone must not pair others.
+        """
+        assert request.transport is not None  # the client is connected
+        port = request.transport.get_extra_info("sockname")[1]
+        urls = await asyncio.to_thread(network_urls, self._host, port, tls=self._root_certificate is not None)
+        shows_codes = is_loopback(request) and request[SESSION].role is Role.OPERATOR
+        codes = {role.value: spoken(self._codes.code(role)) for role in Role} if shows_codes else {}
+        local_only = serves_only_this_computer(self._host)
+        return web.json_response({"urls": urls, "codes": codes, "serves_only_this_computer": local_only})
 
     async def _pair_browser(self, request: web.Request, role: Role, *, by_itself: bool = False) -> tuple[Session, str]:
         kind = device_kind(request.headers.get("User-Agent", ""))

@@ -78,6 +78,7 @@ class ConsoleServer:
             video_target,
             run,
             overrides_file,
+            address[0],
             certificate.store.root_path if certificate else None,
         )
         self._certificate, self._log = certificate, log

@@ -49,7 +49,7 @@ def test_urls_are_listed_preferred_scheme_first() -> None:
         *("http://192.168.1.20:8090", "http://10.42.0.2:8090", "http://[fd00::2]:8090", "http://lab-7.local:8090"),
     )
     assert URLS.local == ("http://localhost:8090", "https://localhost:8443")
-    assert console_urls(HOME, https_port=443, http_port=None, loopback_only=True) == ConsoleUrls((), ("https://localhost",))
+    assert console_urls(HostAddresses((), ()), https_port=443, http_port=None) == ConsoleUrls((), ("https://localhost",))
 
 
 def test_qr_code_leads_to_the_first_network_url() -> None:

@@ -37,6 +37,17 @@ def test_lan_addresses_are_found_default_route_first() -> None:
     assert tuple(map(str, lan_addresses(interfaces))) == ("10.42.0.2", "192.168.1.20", "fd00::7")
 
 
+def test_tunnels_and_link_local_addresses_come_last() -> None:
+    interfaces = {
+        "wg0": interface("10.8.0.2"),
+        "tailscale0": interface("100.101.1.2"),
+        "eth0": interface("169.254.3.4"),
+        "wlan0": interface("192.168.1.20"),
+    }
+    found = [str(each) for each in lan_addresses(interfaces, "10.8.0.2")]
+    assert found == ["192.168.1.20", "10.8.0.2", "100.101.1.2", "169.254.3.4"], "the tunnel is the default route"
+
+
 def test_machine_without_network_has_no_addresses() -> None:
     assert lan_addresses({"lo": interface("127.0.0.1", "::1")}) == ()
 

@@ -96,6 +96,20 @@ def test_unpaired_browser_on_another_computer_gets_nothing(phone: Browser, open_
     assert "Cookie" not in phone.headers
 
 
+def test_only_operators_at_this_computer_see_codes(console: Console, phone: Browser, tmp_path: Path) -> None:
+    local = Browser(console.port)
+    local.get("/")
+    shown = local.get("/_api/access")
+    assert shown["serves_only_this_computer"] and shown["urls"] == [], "it listens on 127.0.0.1"
+    assert shown["codes"]["viewer"].replace("-", "") == code(tmp_path, "viewer")
+    assert phone.request("GET", "/_api/access")[0] == 401
+    phone.post("/_api/pair", code=shown["codes"]["operator"])
+    assert phone.get("/_api/access")["codes"] == {}
+    viewer = Browser(console.port)
+    viewer.post("/_api/pair", code=code(tmp_path, "viewer"))
+    assert viewer.get("/_api/access")["codes"] == {}
+
+
 def test_code_pairs_one_browser_once(phone: Browser, console: Console, tmp_path: Path, open_socket: Open) -> None:
     first = code(tmp_path)
     assert phone.post("/_api/pair", code=first) == {"name": "phone-1", "role": "operator"}
