@@ -71,6 +71,11 @@ export class MockApi {
   private readonly handlers: Record<string, Handler> = {
     "GET /_api/session": () => ({ session: this.authority.own, control: this.authority.control, stop: this.authority.stops }),
     "POST /_api/pair": () => this.authority.own,
+    "GET /_api/access": () => ({
+      urls: ["https://192.168.1.20:8090", "https://greenhouse.local:8090"],
+      codes: this.authority.own.role === "operator" ? { operator: "K7Q2-MXPA", viewer: "W9RT-4HCN" } : {},
+      serves_only_this_computer: false,
+    }),
     "POST /_api/lease": ({ action, from }) => this.authority.lease(String(action), String(from ?? "")),
     "POST /_api/stop": ({ engaged, press, presses }) => ({
       stop: engaged === true ? this.authority.stopWithoutLink(String(press)) : this.authority.release(presses as string[]),

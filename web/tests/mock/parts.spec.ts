@@ -94,3 +94,27 @@ test("a view that could not be loaded is loaded by another try", async ({ page }
   await expect(page.locator("#view").getByText("Loading", { exact: true })).toHaveCount(0);
   await expect(page.locator("#view").getByText("This part of the page failed")).toHaveCount(0);
 });
+
+test("another device gets an address of the network, a code, and its role", async ({ page }) => {
+  const errors = await openMock(page, "map", "state=calm&control=free");
+  const open = async () => {
+    await page.keyboard.press("Control+k");
+    await page.keyboard.type("open on another");
+    await page.keyboard.press("Enter");
+  };
+  await open();
+  const dialog = page.getByRole("dialog");
+  await expect(dialog.getByRole("img", { name: "QR code of https://192.168.1.20:8090" })).toBeVisible();
+  await expect(page.getByTestId("pairing-code")).toHaveText("K7Q2-MXPA");
+  await dialog.getByRole("radio", { name: "Watch and stop" }).click();
+  await expect(page.getByTestId("pairing-code")).toHaveText("W9RT-4HCN");
+  await dialog.getByText("Other addresses of this console").click();
+  await dialog.getByRole("button", { name: "https://greenhouse.local:8090" }).click();
+  await expect(dialog.getByRole("img", { name: "QR code of https://greenhouse.local:8090" })).toBeVisible();
+  expect(errors).toEqual([]);
+
+  await openMock(page, "map", "state=calm&role=viewer");
+  await open();
+  await expect(dialog.getByRole("img", { name: "QR code of https://192.168.1.20:8090" })).toBeVisible();
+  await expect(page.getByTestId("pairing-code")).toHaveCount(0);
+});
