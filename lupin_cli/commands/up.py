@@ -49,9 +49,8 @@ def command(
     flowers: bool = typer.Option(True, "--yolo/--no-yolo", help="Detect flowers."),
     cameras: bool = typer.Option(True, "--cameras/--no-cameras", help="Simulate the cameras."),
     record: bool = typer.Option(True, "--record/--no-record", help="Record the graph to an MCAP file."),
-    web: bool = typer.Option(
-        True, "--web/--no-web", help=f"Serve the console: its page on port {CONSOLE_PORT}, rosbridge on {ROSBRIDGE_PORT}."
-    ),
+    web: bool = typer.Option(True, "--web/--no-web", help="Serve the console: its page, and rosbridge for programs."),
+    port: int = typer.Option(CONSOLE_PORT, min=1, max=65535, help="Serve the console's page on this port."),
     rosbridge_port: int = typer.Option(
         ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of localhost; 0: any free one."
     ),
@@ -86,6 +85,7 @@ def command(
         raise typer.BadParameter(f"{target!r} is neither sim nor robot", param_hint="--target")
     if speed <= 0.0:
         raise typer.BadParameter("must be positive", param_hint="--speed")
+    _check_port(port, rosbridge_port)
     _check_files(map_file, overrides)
     if foxglove:
         _check_foxglove_extra()
@@ -99,7 +99,7 @@ def command(
         raise typer.Exit(USAGE_ERROR)
     serves_video = video and web and cameras and target == "sim"
     requested = {"web": web, "video": serves_video, "foxglove": foxglove, "joystick": joystick, "rviz": rviz and not headless}
-    unavailable = _find_unavailable({flag for flag, wanted in requested.items() if wanted})
+    unavailable = _find_unavailable({flag for flag, wanted in requested.items() if wanted}, Options(port=port))
     if no_cameras:
         unavailable["cameras"] = no_cameras
     options = Options(
@@ -119,6 +119,7 @@ def command(
         mission=mission,
         record=record,
         console=web and "web" not in unavailable,
+        port=port,
         rosbridge_port=rosbridge_port,
         video=video and "video" not in unavailable,
         foxglove=foxglove and "foxglove" not in unavailable,
@@ -151,6 +152,13 @@ def _pose(text: str | None, map_file: Path | None) -> tuple[float, float, float]
     if not all(map(math.isfinite, (x, y, yaw))):
         raise typer.BadParameter(f"expected X,Y,YAW such as 1.5,-0.3,1.57, found {text!r}", param_hint="--initial-pose")
     return x, y, yaw
+
+
+def _check_port(port: int, rosbridge_port: int) -> None:
+    """Refuse a port for the page that another part of the run uses. Raises typer.BadParameter."""
+    users = {rosbridge_port: "rosbridge", VIDEO_PORT: "the cameras' images", FOXGLOVE_PORT: "Foxglove"}
+    if port in users:
+        raise typer.BadParameter(f"{port} is the port of {users[port]}; choose another, such as 8092", param_hint="--port")
 
 
 def _check_files(map_file: Path | None, overrides: Path | None) -> None:
@@ -188,18 +196,18 @@ def _check_foxglove_extra() -> None:
         raise typer.Exit(USAGE_ERROR)
 
 
-def _find_unavailable(requested: Collection[str]) -> dict[str, str]:
+def _find_unavailable(requested: Collection[str], options: Options) -> dict[str, str]:
     """Return the requested parts, by their flags, that cannot be started on this machine, each with the reason."""
     from lupin_runtime.console.ports import PortInUse, check_free
-    from lupin_runtime.stack.table import TABLE
+    from lupin_runtime.stack.table import TABLE, select_nodes
 
     unavailable = {}
     for row in TABLE:
         try:
-            for port in row.listens if row.flag in requested else ():
+            for port in select_nodes(row, options).listens if row.flag in requested else ():
                 check_free("127.0.0.1", port)
         except PortInUse as error:
-            unavailable[row.flag] = str(error)
+            unavailable[row.flag] = f"{error}; choose another with --port" if row.flag == "web" else str(error)
     if "joystick" in requested:
         unavailable["joystick"] = "the Xbox teleop is not in this release"
     if "rviz" in requested and shutil.which("rviz2") is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lupin_runtime.ports import ROSBRIDGE_PORT
+from lupin_runtime.ports import CONSOLE_PORT, ROSBRIDGE_PORT
 
 SIM = "sim"
 ROBOT = "robot"  # the robot's processes run there already; `lupin up --target robot` starts those on the laptop
@@ -37,6 +37,7 @@ class Options:
     mission: bool = False
     record: bool = True
     console: bool = False
+    port: int = CONSOLE_PORT  # of the console's page
     rosbridge_port: int = ROSBRIDGE_PORT  # 0: any free one
     video: bool = True  # serve the simulated cameras to the console
     estop_button: bool = True  # the robot has one, without which the e-stop's process does not say that it is released

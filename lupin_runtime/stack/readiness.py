@@ -53,10 +53,14 @@ class ActionReady:
 
 @dataclass(frozen=True)
 class Port:
-    """A TCP server accepts connections on the port. `address` is an IP address of this machine or the robot."""
+    """A TCP server accepts connections on the port. `address` is an IP address of this machine or the robot.
+
+    `option` names the field of a run's options that chooses another number; empty if none does.
+    """
 
     number: int
     address: str = "127.0.0.1"
+    option: str = ""
 
     def __str__(self) -> str:
         return f"port {self.address}:{self.number}"

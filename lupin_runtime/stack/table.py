@@ -116,7 +116,13 @@ def _estop(options: Options) -> Parameters:
 
 
 def _console(options: Options) -> Parameters:
-    return {"folder": str(options.run_path), "host": "", "tls": True, "rosbridge_port": options.rosbridge_port}
+    return {
+        "folder": str(options.run_path),
+        "host": "",
+        "tls": True,
+        "port": options.port,
+        "rosbridge_port": options.rosbridge_port,
+    }
 
 
 def _video(options: Options) -> Parameters:
@@ -330,7 +336,9 @@ TABLE: tuple[ProcessRow, ...] = (
         (NodeRow("lupin_runtime.console.node:Console", _console),),
         when=lambda o: o.console,
         flag="web",
-        ready=(Port(CONSOLE_PORT),),  # the other one, for programs, may be in use: browsers are served all the same
+        ready=(
+            Port(CONSOLE_PORT, option="port"),
+        ),  # the other one, for programs, may be in use: browsers are served all the same
         memory_max_mb=256,
         optional=True,
         next_command="lupin logs console",
@@ -387,8 +395,12 @@ def rows(options: Options) -> tuple[ProcessRow, ...]:
 
 
 def select_nodes(row: ProcessRow, options: Options) -> ProcessRow:
-    """Return the row with the nodes that a run with these options has."""
-    return replace(row, nodes=tuple(node for node in row.nodes if node.when(options)))
+    """Return the row with the nodes and the ports that a run with these options has."""
+    ready = tuple(
+        replace(each, number=getattr(options, each.option)) if isinstance(each, Port) and each.option else each
+        for each in row.ready
+    )
+    return replace(row, nodes=tuple(node for node in row.nodes if node.when(options)), ready=ready)
 
 
 def launch(row: ProcessRow, options: Options) -> Launch:

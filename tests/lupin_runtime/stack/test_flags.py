@@ -30,8 +30,8 @@ def program_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_parts_missing_from_this_release_are_reported() -> None:
-    assert _find_unavailable({"joystick"}) == {"joystick": "the Xbox teleop is not in this release"}
-    assert _find_unavailable(set()) == {}
+    assert _find_unavailable({"joystick"}, Options()) == {"joystick": "the Xbox teleop is not in this release"}
+    assert _find_unavailable(set(), Options()) == {}
 
 
 @pytest.mark.parametrize("flag", sorted({row.flag for row in TABLE if row.listens}))
@@ -41,9 +41,42 @@ def test_used_port_is_reported_with_its_owner(flag: str, monkeypatch: pytest.Mon
         monkeypatch.setattr(
             table, "TABLE", tuple(replace(row, ready=(Port(port),)) if row.flag == flag else row for row in TABLE)
         )
-        assert f"port {port} is in use by process {os.getpid()} (" in _find_unavailable({flag})[flag]
-        assert _find_unavailable(set()) == {}
-    assert _find_unavailable({flag}) == {}
+        assert f"port {port} is in use by process {os.getpid()} (" in _find_unavailable({flag}, Options())[flag]
+        assert _find_unavailable(set(), Options()) == {}
+    assert _find_unavailable({flag}, Options()) == {}
+
+
+def test_used_console_port_names_its_owner_and_the_option() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        reason = _find_unavailable({"web"}, Options(port=port))["web"]
+    assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
+    assert reason.endswith("; choose another with --port")
+
+
+def test_console_is_up_once_its_chosen_port_listens() -> None:
+    options = Options(console=True, port=8123)
+    row = next(row for row in rows(options) if row.name == "console")
+    assert row.listens == (8123,)
+    assert row.nodes[0].parameters(options)["port"] == 8123
+    assert Options.from_json(options.as_json()).port == 8123
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--port", "8091"], "8091 is the port of the cameras' images"),
+        (["--port", "9191", "--rosbridge-port", "9191"], "9191 is the port of rosbridge"),
+        (["--port", "0"], "0 is not in the range"),
+        (["--port", "65536"], "65536 is not in the range"),
+        (["--port", "web"], "'web' is not a valid int"),
+    ],
+)
+def test_unusable_console_port_is_refused(arguments: list[str], reason: str) -> None:
+    program = typer.Typer()
+    program.command()(command)
+    done = CliRunner().invoke(program, arguments, env={"COLUMNS": "200", "TERM": "dumb"})
+    assert done.exit_code == 2 and reason in " ".join(done.output.split()).replace("│ ", "")
 
 
 def test_flag_of_every_row_is_an_option_of_up() -> None:
@@ -86,13 +119,13 @@ def test_foxglove_runs_only_if_requested_and_restarts(target: str) -> None:
 
 
 def test_missing_rviz_or_display_is_reported_with_advice(program_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "rviz2 is not on PATH" in _find_unavailable({"rviz"})["rviz"]
+    assert "rviz2 is not on PATH" in _find_unavailable({"rviz"}, Options())["rviz"]
     program = program_path / "rviz2"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
-    assert "needs a display" in _find_unavailable({"rviz"})["rviz"]
+    assert "needs a display" in _find_unavailable({"rviz"}, Options())["rviz"]
     monkeypatch.setenv("DISPLAY", ":0")
-    assert _find_unavailable({"rviz"}) == {}
+    assert _find_unavailable({"rviz"}, Options()) == {}
 
 
 def test_initial_pose_reaches_amcl_with_a_simulator_default() -> None:
