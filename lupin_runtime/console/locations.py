@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,26 @@ def save_location(path: Path, name: Any, pose: Any) -> dict[str, dict[str, float
         if not added.keys() <= locations.keys() and len(locations) >= MAX_LOCATIONS:
             raise BadLocation(f"there are {MAX_LOCATIONS} locations; remove one first")
         return {**locations, **added}
+
+    return {HOME: dict(_AT_ORIGIN), **change_object(path, add)}
+
+
+def import_locations(path: Path, found: Any) -> dict[str, dict[str, float]]:
+    """Add the locations that a browser stored before the console did; returns all locations.
+
+    Those of the console are kept, and what is malformed or too much is left out. Raises BadLocation, MalformedFile and OSError.
+    """
+    if not isinstance(found, dict):
+        raise BadLocation("locations must be an object of names and poses")
+
+    def add(locations: dict[str, Any]) -> dict[str, Any]:
+        merged = dict(locations)
+        for name, pose in found.items():
+            with contextlib.suppress(BadLocation):
+                added = {_checked_name(name): checked_pose(pose)}
+                if len(merged) < MAX_LOCATIONS and added != {HOME: _AT_ORIGIN}:
+                    merged = {**added, **merged}
+        return merged
 
     return {HOME: dict(_AT_ORIGIN), **change_object(path, add)}
 

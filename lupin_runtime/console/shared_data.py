@@ -15,6 +15,7 @@ from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.locations import (
     BadLocation,
     all_locations,
+    import_locations,
     locations_file,
     remove_location,
     save_location,
@@ -38,6 +39,7 @@ _LOCATION_BODY: dict[str, dict[str, Any]] = {
         "description": "null removes it",
     },
 }
+_IMPORT_BODY: dict[str, dict[str, Any]] = {"locations": {"type": "object", "description": "a pose for each name"}}
 _SETTINGS_BODY: dict[str, dict[str, Any]] = {
     "version": {"type": "integer", "description": f"version of the page that stored the settings [{VERSION}]"},
     "settings": {"type": "object"},
@@ -56,6 +58,12 @@ class SharedData:
         return (
             Resource("/_api/locations", self._locations, "The named locations on the map: x and y in m, yaw in rad."),
             Resource("/_api/locations", self._change_location, "Save or remove a location. Needs control.", _LOCATION_BODY),
+            Resource(
+                "/_api/locations/import",
+                self._import_locations,
+                "Add the locations that a browser kept before the console did. Refused while another session has control.",
+                _IMPORT_BODY,
+            ),
             Resource(
                 "/_api/settings",
                 self._settings,
@@ -96,6 +104,18 @@ class SharedData:
         except BadLocation as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from error
         self._bridge.record(request[SESSION].name, f"{'remove' if pose is None else 'save'} location {name}", pose)
+        self._events.push("locations", changed)
+        return web.json_response(changed)
+
+    async def _import_locations(self, request: web.Request) -> web.StreamResponse:
+        found = (await json_object(request)).get("locations")
+        # Control is not taken: a page sends this by itself when it is opened.
+        self._bridge.authority.check_take(request[SESSION], time.monotonic_ns())
+        try:
+            changed = await asyncio.to_thread(import_locations, locations_file(), found)
+        except BadLocation as error:
+            raise web.HTTPBadRequest(text=f"{error}\n") from error
+        self._bridge.record(request[SESSION].name, "import locations", found)
         self._events.push("locations", changed)
         return web.json_response(changed)
 

@@ -66,6 +66,19 @@ def journal(folder: Path) -> list[str]:
 
 
 # -- locations --------------------------------------------------------------------------------------------------------
+def test_locations_of_a_browser_are_added_and_replace_none(browser: Browser) -> None:
+    browser.post("/_api/locations", name="table 3", pose=POSE)
+    browser.post("/_api/lease", action="give_up")
+    found = {"home": HOME, "table 3": HOME, " dock ": POSE, "": POSE, "broken": {"x": "east"}, "x" * 65: POSE}
+    expected = {"home": HOME, "dock": POSE, "table 3": POSE}
+    assert browser.post("/_api/locations/import", locations=found) == expected
+    assert browser.post("/_api/locations/import", locations=found) == expected, "the second time changes nothing"
+    assert browser.get("/_api/session")["control"]["holder"] is None, "a page that is opened takes no control"
+    assert browser.post("/_api/locations/import", locations={"home": POSE})["home"] == POSE
+    for malformed in (None, [POSE], "dock"):
+        assert browser.request("POST", "/_api/locations/import", {"locations": malformed})[0] == 400
+
+
 def test_locations_are_saved_shared_and_removed(browser: Browser, console: Console, tmp_path: Path) -> None:
     assert browser.get("/_api/locations") == {"home": HOME}
     socket = browser.socket("/_api/events")
@@ -114,6 +127,7 @@ def test_only_session_in_control_changes_shared_data(browser: Browser, console: 
     operator.post("/_api/pair", code=codes["operator"])
     browser.post("/_api/lease", action="take")
     for path, body in (
+        ("/_api/locations/import", {"locations": {"a": POSE}}),
         ("/_api/locations", {"name": "a", "pose": POSE}),
         ("/_api/settings", {"settings": {"speedScale": 0.1}}),
         ("/_api/maps", {"name": "mine"}),
