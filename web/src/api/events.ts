@@ -1,5 +1,7 @@
 /** The channel on which the console's server pushes every change, and the heartbeat that keeps control. */
 import { every } from "@/safety/timers";
+import { localStorageOrNull } from "@/state/settings";
+import { forgetStoredLocations, storedLocations } from "@/state/stored_locations";
 import { ask } from "./http";
 import { type ConsoleState, type Control, type Session, setOnline, showStops, useConsole } from "./console_store";
 
@@ -40,6 +42,20 @@ async function loadShared(): Promise<void> {
   if (settings.status === "fulfilled") useConsole.setState({ settings: settings.value.settings });
   if (approaches.status === "fulfilled") useConsole.setState({ approaches: approaches.value });
   if (doctor.status === "fulfilled") useConsole.setState({ doctor: doctor.value });
+  await moveLocations();
+}
+
+/** Hand the named locations that this browser kept to the server. */
+export async function moveLocations(): Promise<void> {
+  const storage = localStorageOrNull();
+  const locations = storedLocations(storage);
+  if (locations === null) return;
+  try {
+    useConsole.setState({ locations: await ask<ConsoleState["locations"]>("/_api/locations/import", { locations }) });
+    forgetStoredLocations(storage);
+  } catch {
+    // Another browser has control, or this one may only watch: they are kept here until the page is opened again.
+  }
 }
 
 let dropCurrent = () => {};

@@ -88,6 +88,12 @@ export class MockApi {
     },
     "GET /_api/locations": () => this.locations,
     "POST /_api/locations": ({ name, pose }) => this.changeLocation(String(name).trim(), pose),
+    "POST /_api/locations/import": ({ locations }) => {
+      this.authority.checkTake();
+      this.locations = { ...(locations as MockApi["locations"]), ...this.locations };
+      this.push("locations", this.locations);
+      return this.locations;
+    },
     "GET /_api/settings": () => ({ version: SETTINGS_VERSION, settings: this.settings, table: [] }),
     "POST /_api/settings": ({ settings }) => this.changeSettings(settings as Body),
     "GET /_api/arm/library": () => JSON.parse(this.robot.world.library.listing()),

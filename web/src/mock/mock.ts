@@ -1,6 +1,6 @@
 /** The mock mode: a robot and the console's server in the page itself, for `?mock=1`. Nothing else loads this chunk. */
 import { setOnline, useConsole } from "@/api/console_store";
-import { take } from "@/api/events";
+import { moveLocations, take } from "@/api/events";
 import type { Socket } from "@/ros/rosbridge";
 import { MockApi } from "./api";
 import { MockAuthority } from "./authority";
@@ -68,7 +68,9 @@ export function startServer(): void {
   push("doctor", doctor.state);
   push("run", runState(world));
   void Promise.all([
-    answer("/_api/locations").then(async (response) => push("locations", await response.json())),
+    answer("/_api/locations")
+      .then(async (response) => push("locations", await response.json()))
+      .then(moveLocations),
     answer("/_api/settings").then(async (response) => push("settings", ((await response.json()) as { settings: unknown }).settings)),
   ]).catch(() => {});
   setInterval(() => push("run", runState(world)), RUN_MS);

@@ -4,7 +4,7 @@ import { type Root, createRoot } from "react-dom/client";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { HOLD_MS, HoldButton } from "@/ui/hold_button";
 import { useGate } from "@/robot";
-import { PlainStop } from "./stop_bar";
+import { MirroredStop, PlainStop } from "./stop_bar";
 
 (globalThis as { IS_REACT_ACT_ENVIRONMENT?: boolean }).IS_REACT_ACT_ENVIRONMENT = true;
 
@@ -51,6 +51,7 @@ beforeEach(() => {
         </button>
         <input aria-label="Name" />
         <PlainStop />
+        <MirroredStop />
       </>,
     ),
   );
@@ -127,5 +128,17 @@ describe("the stop button", () => {
   it("ignores the other buttons of a mouse", () => {
     pointer("pointerdown", 1000, { button: 2 });
     expect(presses()).toBe(0);
+  });
+});
+
+describe("the mirrored stop", () => {
+  it("stops at the press, and by click()", () => {
+    const button = find("[data-testid=stop-mirrored]");
+    send(button, new PointerEvent("pointerdown", { bubbles: true, isPrimary: true }), 1000);
+    send(button, new PointerEvent("pointerup", { bubbles: true, isPrimary: true }), 1100);
+    send(button, new MouseEvent("click", { bubbles: true, detail: 1 }), 1101);
+    expect(presses()).toBe(1);
+    act(() => button.click());
+    expect(presses()).toBe(2);
   });
 });

@@ -99,6 +99,30 @@ function useStopDelivery(): StopDelivery {
   return stopDelivery({ linkOpen, robotStopped, serverStops, isStated, wasSent, ageMs: age === null ? null : age * 1000 });
 }
 
+/** The same stop beside the sticks, for a hand that is there. */
+export function MirroredStop({ className }: { className?: string }) {
+  const text = useText();
+  const delivery = useStopDelivery();
+  const press = usePress();
+  return (
+    <button
+      type="button"
+      data-testid="stop-mirrored"
+      aria-pressed={delivery !== "ready"}
+      {...press}
+      className={cn(
+        "flex min-h-14 shrink-0 touch-manipulation items-center justify-center gap-3 rounded-lg bg-stop px-4 text-lg font-extrabold text-white uppercase select-none active:bg-stop-deep",
+        "focus-visible:outline-4 focus-visible:-outline-offset-6 focus-visible:outline-white",
+        delivery !== "ready" && "bg-stop-deep",
+        className,
+      )}
+    >
+      <OctagonX aria-hidden="true" className="size-7" />
+      {text(LABELS[delivery])}
+    </button>
+  );
+}
+
 /** What stands in the place of a stop bar that failed: it stops, whatever else it cannot show. */
 export function PlainStop() {
   const text = useText();

@@ -9,8 +9,8 @@ import { ApiError, ask } from "@/api/http";
 import { errorText } from "@/i18n/error_text";
 import { CommandRefused } from "@/rewind/guard";
 import { OLDEST_SETTINGS_VERSION, SETTINGS, SETTINGS_VERSION, type Settings } from "@/generated/settings";
+import { LOCATIONS_FIELD, settingsKey, storedLocations } from "./stored_locations";
 
-const KEY = (version: number) => `lupin-hmi-settings/v${version}`;
 /** Before version 5, browsers stored these settings although the operator had not chosen them; they are dropped. */
 const DROPPED_BEFORE_5 = ["polarityInvertHmi", "estopAutoOnFocusLoss"];
 
@@ -131,7 +131,7 @@ export function migrate(version: number, object: unknown): Stored {
 export function readStored(storage: Pick<Storage, "getItem"> | null = localStorageOrNull()): Stored {
   for (let version = SETTINGS_VERSION; version >= OLDEST_SETTINGS_VERSION; version -= 1) {
     try {
-      const text = storage?.getItem(KEY(version));
+      const text = storage?.getItem(settingsKey(version));
       if (text) return migrate(version, JSON.parse(text));
     } catch {
       continue;
@@ -144,7 +144,8 @@ export function readStored(storage: Pick<Storage, "getItem"> | null = localStora
 function write(settings: Stored): boolean {
   try {
     const storage = localStorageOrNull();
-    storage?.setItem(KEY(SETTINGS_VERSION), JSON.stringify(settings));
+    const locations = storedLocations(storage); // until the server has them
+    storage?.setItem(settingsKey(SETTINGS_VERSION), JSON.stringify(locations === null ? settings : { ...settings, [LOCATIONS_FIELD]: locations }));
     return storage !== null;
   } catch {
     return false;

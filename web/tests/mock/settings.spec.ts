@@ -49,3 +49,15 @@ test("the log of what was sent has velocities, stops and calls", async ({ page }
   await expect(log).toContainText("/cmd_vel_manual");
   await expect(log).toContainText("/lupin/hmi/estop");
 });
+
+test("named locations of an earlier page move to the server", async ({ page }) => {
+  const stored = () => page.evaluate(() => localStorage.getItem("lupin-hmi-settings/v4"));
+  await openMock(page, "map", "state=calm&control=free");
+  await page.evaluate(() => localStorage.setItem("lupin-hmi-settings/v4", JSON.stringify({ theme: "light", voiceNamedLocations: { "table 9": { x: 1, y: 2, yaw: 0 } } })));
+  await page.reload();
+  await expect.poll(stored).toBe('{"theme":"light"}');
+  await expect(page.locator("header").getByText("Nobody has control")).toBeVisible();
+  await page.keyboard.press("Control+k");
+  await page.keyboard.type("table 9");
+  await expect(page.getByRole("option", { name: /table 9/ })).toBeVisible();
+});

@@ -166,3 +166,15 @@ test("the space bar stops from a field for a number, where it is no text", async
   await page.keyboard.press("Space");
   await expect(page.getByTestId("stop")).toContainText("Stopped");
 });
+
+test("the mirrored stop beside the sticks stops, and shows what the bar shows", async ({ page }) => {
+  await openMock(page, "teleop", "state=calm&control=free");
+  await hold(page, "release");
+  await expect(page.getByText("Sticks are live")).toBeVisible();
+  const mirrored = page.getByTestId("stop-mirrored");
+  await expect(mirrored).toHaveAttribute("aria-pressed", "false");
+  await mirrored.click();
+  await expect(page.getByTestId("stop")).toContainText("Stopped");
+  await expect(mirrored).toContainText("Stopped");
+  await expect(page.getByText("Sticks are blocked")).toBeVisible();
+});

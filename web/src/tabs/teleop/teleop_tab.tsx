@@ -9,6 +9,7 @@ import { useText } from "@/i18n/text";
 import { driver, useDrive } from "@/robot";
 import type { DriveSource, Velocity } from "@/safety/drive";
 import { showProblem } from "@/state/problems";
+import { MirroredStop } from "@/shell/stop_bar";
 import { changeSettings, useSetting } from "@/state/settings";
 import { ODOMETRY_STALE_MS } from "@/state/wheels";
 import { cn } from "@/ui/cn";
@@ -82,6 +83,7 @@ export default function TeleopTab() {
         </div>
       </section>
       <div className="flex flex-col gap-3 md:max-lg:grid md:max-lg:grid-cols-2 lg:min-h-0">
+        <MirroredStop className="md:max-lg:col-span-2" />
         <SpeedPanel />
         <SpeedLimit />
         <NearestObstacle />
