@@ -32,3 +32,22 @@ test("the light theme is light, readable on every tab, and leaves the map dark",
   }
   expect(errors).toEqual([]);
 });
+
+for (const state of ["calm", "stopped", "lost", "stale"]) {
+  test(`the light theme has enough contrast while the robot is ${state}`, async ({ page }) => {
+    await page.addInitScript(() => localStorage.setItem("lupin-hmi-settings/v5", JSON.stringify({ theme: "light" })));
+    await openMock(page, "teleop", `state=${state}&control=you`);
+    await expect(page.locator("html")).toHaveClass(/light/);
+    await page.evaluate(AXE);
+    for (const tab of TABS) {
+      await page.locator(`#tab-${tab}`).click();
+      await page.waitForTimeout(800);
+      const found = await page.evaluate(async () => {
+        const { axe } = window as unknown as { axe: { run: (options: object) => Promise<{ violations: { nodes: { html: string; any: { message: string }[] }[] }[] }> } };
+        const { violations } = await axe.run({ runOnly: ["color-contrast"] });
+        return violations.flatMap(({ nodes }) => nodes.map(({ html, any }) => `${html.slice(0, 200)}: ${any[0]?.message}`));
+      });
+      expect([tab, found]).toEqual([tab, []]);
+    }
+  });
+}
