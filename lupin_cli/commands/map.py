@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lupin_cli import user_path
 from lupin_cli.command_group import command_group
 from lupin_cli.commands.map_plan import plan
 from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
@@ -26,8 +27,12 @@ app = command_group(
 
 @app.command()
 def build(
-    log: Path = typer.Argument(..., help="A CARMEN log (FLASER or ROBOTLASER1; .gz too), or an MCAP recording or its folder."),
-    out: Path = typer.Option(..., "--out", help="Write map.yaml, map.pgm, trajectory.tum and graph.g2o to this folder."),
+    log: Path = typer.Argument(
+        ..., parser=user_path.path, help="A CARMEN log (FLASER or ROBOTLASER1; .gz too), or an MCAP recording or its folder."
+    ),
+    out: Path = typer.Option(
+        ..., "--out", parser=user_path.path, help="Write map.yaml, map.pgm, trajectory.tum and graph.g2o to this folder."
+    ),
     resolution: float = typer.Option(0.05, "--resolution", help="Meters per cell.", min=0.01, max=1.0),
     max_range: float = typer.Option(
         None, "--max-range", help="Use ranges up to this, m (default: 40, or 12 for a recording).", min=0.5
@@ -113,8 +118,10 @@ app.command("plan")(plan)
 
 @app.command()
 def optimize(
-    graph: Path = typer.Argument(..., help="A pose graph in g2o's text format: VERTEX_SE2, EDGE_SE2, or edges alone."),
-    out: Path = typer.Option(None, "--out", help="Write the optimized graph to this file."),
+    graph: Path = typer.Argument(
+        ..., parser=user_path.path, help="A pose graph in g2o's text format: VERTEX_SE2, EDGE_SE2, or edges alone."
+    ),
+    out: Path = typer.Option(None, "--out", parser=user_path.path, help="Write the optimized graph to this file."),
     as_json: bool = typer.Option(False, "--json", help="Print only one JSON object on standard output."),
 ) -> None:
     """Find the poses that fit a pose graph's edges best.

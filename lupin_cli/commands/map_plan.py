@@ -8,6 +8,7 @@ from pathlib import Path
 
 import typer
 
+from lupin_cli import user_path
 from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
 from lupin_cli.terminal import echo
 
@@ -25,7 +26,9 @@ def _point(text: str, option: str) -> tuple[float, float]:
 
 
 def plan(
-    map_file: Path = typer.Argument(..., metavar="MAP.yaml", help="A map as map_server and slam_toolbox save it."),
+    map_file: Path = typer.Argument(
+        ..., metavar="MAP.yaml", parser=user_path.path, help="A map as map_server and slam_toolbox save it."
+    ),
     start: str = typer.Option(..., "--from", metavar="X,Y", help="Start, meters in the map's frame."),
     goal: str = typer.Option(..., "--to", metavar="X,Y", help="Goal, meters in the map's frame."),
     radius: float = typer.Option(0.22, "--radius", help="The path's minimum distance from occupied cells, m."),
@@ -53,7 +56,7 @@ def plan(
             echo(f"{name}: expected meters, 0 or more, found {value}", err=True)
             raise typer.Exit(USAGE_ERROR)
     try:
-        grid = load_map(map_file)
+        grid = load_map(map_file, warn=lambda text: echo(text, err=True))
     except MalformedFile as error:
         echo(str(error), err=True)
         raise typer.Exit(USAGE_ERROR) from error

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import typer
 
+from lupin_cli import user_path
 from lupin_cli.completion import runs as run_names
 from lupin_cli.exit_codes import USAGE_ERROR
 from lupin_cli.run.recordings import RUN_HELP, build_run_comparison, build_run_report, show_page
@@ -16,7 +17,7 @@ from lupin_runtime.stack.runs import LATEST
 
 def command(
     runs: list[str] = typer.Argument(None, help=f"{RUN_HELP} Two of them are compared.", autocompletion=run_names),
-    out: Path = typer.Option(None, "--out", help="Write the report, or the comparison, to this folder."),
+    out: Path = typer.Option(None, "--out", parser=user_path.path, help="Write the report, or the comparison, to this folder."),
     as_json: bool = typer.Option(False, "--json", help="Print only the JSON of the report or comparison on standard output."),
     open_page: bool = typer.Option(False, "--open", help="Open the page in a browser."),
 ) -> None:

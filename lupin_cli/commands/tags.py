@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lupin_cli import user_path
 from lupin_cli.command_group import command_group
 from lupin_cli.exit_codes import FAILURE, SUCCESS, USAGE_ERROR
 from lupin_cli.terminal import echo, work_progress
@@ -31,16 +32,24 @@ def tags() -> None:
 
 @app.command()
 def detect(
-    images: list[Path] = typer.Argument(..., help="Images: PNG, JPEG or any format of OpenCV."),
+    images: list[Path] = typer.Argument(..., parser=user_path.path, help="Images: PNG, JPEG or any format of OpenCV."),
     engine: str = typer.Option("auto", "--engine", help="Detect with apriltag or aruco; auto: apriltag if installed."),
     family: str = typer.Option("tag36h11", "--family", help="Find tags of this family, such as tag25h9; needs apriltag."),
     pose: bool = typer.Option(False, "--pose", help="Compute each tag's pose in the camera's frame."),
     camera: Path = typer.Option(
-        None, "--camera", metavar="FILE", help="With --pose: the camera's calibration, YAML of ROS's camera_calibration."
+        None,
+        "--camera",
+        metavar="FILE",
+        parser=user_path.path,
+        help="With --pose: the camera's calibration, YAML of ROS's camera_calibration.",
     ),
     edge: float = typer.Option(0.1, "--edge", help="With --pose: the edge of a tag's black square, m.", min=0.001, max=100.0),
     annotate: Path = typer.Option(
-        None, "--annotate", metavar="FOLDER", help="Write a copy of each image with outlines and ids to this folder, as PNG."
+        None,
+        "--annotate",
+        metavar="FOLDER",
+        parser=user_path.path,
+        help="Write a copy of each image with outlines and ids to this folder, as PNG.",
     ),
     as_json: bool = typer.Option(False, "--json", help="Print only JSON on standard output."),
 ) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lupin_cli import user_path
 from lupin_cli.completion import worlds
 from lupin_cli.exit_codes import USAGE_ERROR
 from lupin_cli.printed_commands import lupin, print_next
@@ -37,7 +38,9 @@ def command(
     speed: float = typer.Option(1.0, help="Simulate this many seconds per second."),
     headless: bool = typer.Option(False, "--headless", help="Open no console and no window."),
     slam: bool = typer.Option(True, "--slam/--no-slam", help="Build a map while driving."),
-    map_file: Path = typer.Option(None, "--map", help="Localize on this saved map (YAML) instead of mapping."),
+    map_file: Path = typer.Option(
+        None, "--map", parser=user_path.path, help="Localize on this saved map (YAML) instead of mapping."
+    ),
     initial_pose: str = typer.Option(
         None,
         metavar="X,Y,YAW",
@@ -69,7 +72,9 @@ def command(
         None, "--sweeps", min=0, help="Number of monitoring rounds; 0 repeats them forever [0 on the robot, 1 in the sim]."
     ),
     dependency_timeout_s: float = typer.Option(120.0, min=1.0, help="Let the mission wait this long for its dependencies, s."),
-    overrides: Path = typer.Option(None, help="Read approach poses of individual tags from this file (YAML)."),
+    overrides: Path = typer.Option(
+        None, parser=user_path.path, help="Read approach poses of individual tags from this file (YAML)."
+    ),
     detach: bool = typer.Option(
         False, "--detach", help="Return once all processes are up, or with the reason why not; follow it with: lupin status."
     ),
@@ -174,7 +179,7 @@ def _check_files(map_file: Path | None, overrides: Path | None) -> None:
         if map_file is not None:
             from lupin_runtime.slam.map_io import load_map
 
-            load_map(map_file)
+            load_map(map_file, warn=lambda text: echo(f"lupin up: {text}", err=True))
     except (ValueError, OSError) as error:
         echo(f"lupin up: {error}", err=True)
         raise typer.Exit(USAGE_ERROR) from error

@@ -1,32 +1,37 @@
-"""Standard map files: a YAML that places an image, and the image as PGM (http://wiki.ros.org/map_server#Map_format)."""
+"""Map files by the rules of Nav2's map_server: a YAML that places an image, and the image.
+
+Rules of reading: `loadMapYaml` and `loadMapFromFile` in nav2_map_server/src/map_io.cpp; yaml-cpp reads the numbers. Where Nav2
+would let a wall or an erased part become floor, the safer value is taken: see docs/formats.md.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
-from lupin_runtime.bounded_file import read_bounded, read_bounded_text
+from lupin_runtime.bounded_file import expand_home, read_bounded_text
 from lupin_runtime.gridmap import OCCUPIED, UNKNOWN, GridMap
-from lupin_runtime.image_size import IMAGE_FORMATS, image_size
+from lupin_runtime.slam.map_image import WHITE, MapImage, read_map_image
 from lupin_runtime.yaml_text import compose_yaml
 
 MODES = ("trinary", "scale", "raw")
 # Pixel 205 must read back as unknown: its shade, 0.19608, is above 0.196 but below the 0.25 that Nav2's map saver writes.
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 _PIXEL_OCCUPIED, _PIXEL_FREE, _PIXEL_UNKNOWN = 0, 254, 205
-MAX_PIXELS = 25_000_000  # 250 m by 250 m at 5 cm; planning takes about 50 bytes for each
-MAX_MAP_BYTES = 2 * MAX_PIXELS + 4096  # of the file: two bytes a pixel and a header
-MAX_PLAIN_PIXELS = 4_000_000  # of a plain PGM (P2), whose numbers take 40 bytes each while they are read
-_MAX_DIGITS = 9
-_MAX_ORIGIN_M = 1e6  # a whole number in YAML may even be too large for a float
+_MAX_ORIGIN_M = 1e6
+# A number as a C++ stream takes it: neither 1_000 nor 1:30 nor 0x10.
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
+_NAN = (".nan", "nan")
+_NEGATE = {name: value for value in (0, 1) for name in (str(value), ("n", "y")[value], ("no", "yes")[value])}
+_NEGATE |= {"false": 0, "true": 1, "off": 0, "on": 1}
 
 
 @dataclass(frozen=True)
@@ -42,25 +47,25 @@ class _Header:
     mode: str
 
 
-def load_map(path: Path) -> GridMap:
+def load_map(path: Path, warn: Callable[[str], object] | None = None) -> GridMap:
     """Read a map from its YAML. A turned origin is resampled onto the axes of the map frame (nearest cell).
 
-    Raises MalformedFile naming file and line, OSError where a file cannot be opened.
+    `warn` receives what a user should know of a map that can be read. Raises MalformedFile naming file and line, OSError where
+    a file cannot be opened.
     """
+    path = expand_home(str(path))
     header = _read_header(path)
-    image = path.parent / header.image
-    read = _READERS.get(image.suffix.lower())
-    if read is None:
-        raise MalformedFile(
-            path, None, f"expected an image of {', '.join(_READERS)}, found {header.image!r}; convert it: magick IN OUT.pgm"
-        )
+    image_path = path.parent / expand_home(header.image)
     try:
-        pixels, maximum = read(image)
+        image = read_map_image(image_path)
     except FileNotFoundError:
-        raise MalformedFile(path, None, f"its image {image} does not exist") from None
+        raise MalformedFile(path, None, f"its image {image_path} does not exist") from None
     except OSError as error:
-        raise MalformedFile(path, None, f"its image {image} cannot be read: {error.strerror or error}") from None
-    grid = GridMap(_cells(pixels, maximum, header), header.resolution, header.origin[0], header.origin[1])
+        raise MalformedFile(path, None, f"its image {image_path} cannot be read: {error.strerror or error}") from None
+    cells = _cells(image, header)
+    if warn is not None and header.mode == "trinary" and (text := _free_205(image, cells, header.free)):
+        warn(f"{path}: {text}")
+    grid = GridMap(cells[::-1], header.resolution, header.origin[0], header.origin[1])
     return grid if header.origin[2] == 0.0 else _upright(grid, header.origin[2])
 
 
@@ -96,22 +101,52 @@ def _pixels(cells: NDArray[np.int8], mode: str) -> NDArray[np.uint8]:
     return pixels
 
 
-def _cells(pixels: NDArray[np.uint16], maximum: int, header: _Header) -> NDArray[np.int8]:
-    return _cell_values(np.arange(maximum + 1, dtype=np.int32), maximum, header)[pixels[::-1]]
-
-
-def _cell_values(values: NDArray[np.int32], maximum: int, header: _Header) -> NDArray[np.int8]:
-    """Return the cell of each possible value of a pixel."""
-    if header.mode == "raw":
-        return np.where(values <= OCCUPIED, values, UNKNOWN).astype(np.int8)
-    shade = values / maximum if header.negate else (maximum - values) / maximum
-    cells = np.full(values.shape, UNKNOWN, np.int8)
+def _cells(image: MapImage, header: _Header) -> NDArray[np.int8]:
+    """Return the cells of an image (height, width), top row first."""
+    cells: NDArray[np.int8] = _cell_values(image.channels, header)[image.total]
+    alpha = image.alpha
+    if alpha is None:
+        return cells
     if header.mode == "scale":
-        ratio = (shade - header.free) / (header.occupied - header.free)
+        cells[alpha < WHITE] = UNKNOWN
+    if header.mode == "trinary":
+        # Nav2 averages alpha into the color, as if it were a fourth one. Where both readings differ, the safer one is taken.
+        color = image.total.astype(np.int32) * (3 // image.channels)
+        averaged = _cell_values(4, header)[color + alpha]
+        cells = np.where(cells == averaged, cells, np.where(np.maximum(cells, averaged) == OCCUPIED, OCCUPIED, UNKNOWN))
+        cells[(alpha < WHITE) & (cells == 0)] = UNKNOWN
+    cells[alpha == 0] = UNKNOWN
+    return np.asarray(cells, np.int8)
+
+
+def _cell_values(channels: int, header: _Header) -> NDArray[np.int8]:
+    """Return the cell of each possible sum of a pixel's channels, computed in the order of Nav2: the last bit decides at a
+    threshold."""
+    shade = np.arange(channels * WHITE + 1) / channels / WHITE
+    if header.mode == "raw":
+        values = np.floor(shade * 255.0 + 0.5)
+        return np.where(values <= OCCUPIED, values, UNKNOWN).astype(np.int8)
+    occupancy = shade if header.negate else 1.0 - shade
+    cells = np.full(shade.shape, UNKNOWN, np.int8)
+    if header.mode == "scale":
+        ratio = (occupancy - header.free) / (header.occupied - header.free)
         cells = np.rint(100.0 * np.clip(ratio, 0.0, 1.0)).astype(np.int8)
-    cells[shade > header.occupied] = OCCUPIED
-    cells[shade < header.free] = 0
+    cells[occupancy < header.free] = 0
+    # With occupied_thresh 1, Nav2 finds no pixel occupied: black would be unknown, which paths may cross.
+    cells[(occupancy > header.occupied) | (occupancy >= 1.0)] = OCCUPIED
     return cells
+
+
+def _free_205(image: MapImage, cells: NDArray[np.int8], free: float) -> str:
+    """Return a warning if the pixels that map savers write for unknown cells are free."""
+    count = np.count_nonzero((image.total == 257 * _PIXEL_UNKNOWN * image.channels) & (cells == 0))
+    if not count:
+        return ""
+    rest = "" if (cells == UNKNOWN).any() else ": the map has no unknown cells"
+    return (
+        f"{count} pixels of the gray 205, which map savers write for unknown, are free under free_thresh {free:g}{rest}; "
+        f"to keep them unknown, set free_thresh: {FREE_THRESHOLD}"
+    )
 
 
 def _upright(grid: GridMap, yaw: float) -> GridMap:
@@ -129,6 +164,12 @@ def _upright(grid: GridMap, yaw: float) -> GridMap:
     inside = (along >= 0) & (along < grid.width) & (across >= 0) & (across < grid.height)
     cells = np.full((rows, columns), UNKNOWN, np.int8)
     cells[inside] = grid.cells[across[inside], along[inside]]
+    # The square of a turned cell may hold no center of the new ones: an obstacle of one cell would be lost.
+    row, column = np.nonzero(grid.cells == OCCUPIED)
+    u, v = (column + 0.5) * grid.resolution_m, (row + 0.5) * grid.resolution_m
+    new_column = np.floor((c * u - s * v - min(xs)) / grid.resolution_m + 1e-9).astype(np.int64)
+    new_row = np.floor((s * u + c * v - min(ys)) / grid.resolution_m + 1e-9).astype(np.int64)
+    cells[np.clip(new_row, 0, rows - 1), np.clip(new_column, 0, columns - 1)] = OCCUPIED
     return GridMap(cells, grid.resolution_m, grid.origin_x + min(xs), grid.origin_y + min(ys))
 
 
@@ -145,17 +186,17 @@ def _read_header(path: Path) -> _Header:
     if not isinstance(root, yaml.MappingNode):
         raise MalformedFile(path, 1, "expected keys such as image, resolution, origin")
     fields = _Fields(path, root)
-    origin = fields.numbers("origin", 3)
+    origin = fields.numbers("origin", ("x", "y", "yaw"))
     header = _Header(
         image=fields.text("image"),
         resolution=fields.number("resolution", 1e-6, 1e3),
         origin=(origin[0], origin[1], origin[2]),
-        negate=fields.number("negate", 0, 1, 0.0) == 1.0,
+        negate=fields.negate(),
         occupied=fields.number("occupied_thresh", 0.0, 1.0),
         free=fields.number("free_thresh", 0.0, 1.0),
-        mode=fields.choice("mode", MODES, "trinary"),
+        mode=fields.mode(),
     )
-    if header.free >= header.occupied:
+    if header.free > header.occupied or (header.free == header.occupied and header.mode == "scale"):
         raise MalformedFile(
             path,
             fields.line("free_thresh"),
@@ -165,137 +206,74 @@ def _read_header(path: Path) -> _Header:
 
 
 class _Fields:
-    """The checked values of a YAML mapping; errors name the line of the key."""
+    """The checked values of a YAML mapping, which are text as for yaml-cpp; errors name the line of the key."""
 
     def __init__(self, path: Path, root: yaml.MappingNode) -> None:
         self._path = path
-        self._nodes = {key.value: value for key, value in root.value if isinstance(key, yaml.ScalarNode)}
-        self._constructor = yaml.SafeLoader("")
+        self._nodes: dict[str, yaml.Node] = {}
+        for key, value in root.value:
+            if isinstance(key, yaml.ScalarNode):
+                self._nodes.setdefault(key.value, value)  # of a key that is given twice, yaml-cpp takes the first
 
     def line(self, key: str) -> int | None:
         node = self._nodes.get(key)
         return node.start_mark.line + 1 if node is not None else None
 
-    def _value(self, key: str, default: Any = None) -> Any:
-        node = self._nodes.get(key)
-        if node is None:
-            if default is None:
-                raise MalformedFile(self._path, None, f"the key {key!r} is missing")
-            return default
-        try:
-            return self._constructor.construct_object(node, deep=True)
-        except (yaml.YAMLError, ValueError):
-            raise self._refuse(key, "a YAML value", node.value) from None
+    def _node(self, key: str) -> yaml.Node:
+        if key not in self._nodes:
+            raise MalformedFile(self._path, None, f"the key {key!r} is missing")
+        return self._nodes[key]
 
-    def _refuse(self, key: str, expected: str, found: Any) -> MalformedFile:
-        return MalformedFile(self._path, self.line(key), f"{key}: expected {expected}, found {found!r}")
+    def _refuse(self, key: str, problem: str) -> MalformedFile:
+        return MalformedFile(self._path, self.line(key), f"{key}: {problem}")
 
     def text(self, key: str) -> str:
-        value = self._value(key)
-        if not isinstance(value, str) or not value:
-            raise self._refuse(key, "a file name", value)
+        node = self._node(key)
+        if not isinstance(node, yaml.ScalarNode) or not node.value:
+            raise self._refuse(key, f"expected a file name, found {_shown(node)}")
+        return str(node.value)
+
+    def mode(self) -> str:
+        if "mode" not in self._nodes:
+            return MODES[0]
+        mode = self.text("mode").lower()
+        if mode not in MODES:
+            raise self._refuse("mode", f"expected one of {', '.join(MODES)}, found {mode!r}")
+        return mode
+
+    def negate(self) -> bool:
+        if "negate" not in self._nodes:
+            return False
+        text = self.text("negate")
+        value = _NEGATE.get(text.lower()) if text in (text.lower(), text.upper(), text.capitalize()) else None
+        if value is None:
+            raise self._refuse("negate", f"expected 0, 1 or a truth value, found {text!r}")
+        return value == 1
+
+    def number(self, key: str, low: float, high: float) -> float:
+        value = self._number(key, key, self._node(key))
+        if value is None or not low <= value <= high:
+            raise self._refuse(key, f"expected a number from {low:g} to {high:g}, found {_shown(self._node(key))}")
         return value
 
-    def choice(self, key: str, among: tuple[str, ...], default: str) -> str:
-        value = self._value(key, default)
-        if value not in among:
-            raise self._refuse(key, f"one of {', '.join(among)}", value)
-        return str(value)
+    def numbers(self, key: str, names: tuple[str, ...]) -> list[float]:
+        node = self._node(key)
+        items = node.value if isinstance(node, yaml.SequenceNode) else []
+        values = [self._number(key, name, item) for name, item in zip(names, items)]
+        good = [value for value in values if value is not None and abs(value) <= _MAX_ORIGIN_M]
+        if len(items) != len(names) or len(good) != len(names):
+            raise self._refuse(key, f"expected {len(names)} numbers ({', '.join(names)}), found {_shown(node)}")
+        return good
 
-    def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
-        value = self._value(key, default)
-        if not isinstance(value, (int, float)) or not low <= value <= high:
-            raise self._refuse(key, f"a number from {low:g} to {high:g}", value)
-        return float(value)
-
-    def numbers(self, key: str, count: int) -> list[float]:
-        value = self._value(key)
-        if (
-            not isinstance(value, list)
-            or len(value) != count
-            or not all(isinstance(v, (int, float)) and abs(v) <= _MAX_ORIGIN_M for v in value)
-        ):
-            raise self._refuse(key, f"{count} numbers", value)
-        return [float(v) for v in value]
+    def _number(self, key: str, name: str, node: yaml.Node) -> float | None:
+        """Return the number of a node, None if it is none. Raises MalformedFile for NaN."""
+        text = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
+        if text.lower().lstrip("+-") in _NAN:
+            raise self._refuse(key, f"the {name} is NaN: whatever wrote this file had no value for it; write a number")
+        return float(text) if _NUMBER.fullmatch(text) else None
 
 
-def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
-    """Read the pixels (height, width), top row first, and the value of white."""
-    data = read_bounded(path, MAX_MAP_BYTES)
-    magic = data[:2]
-    if magic not in (b"P5", b"P2"):
-        raise MalformedFile(path, 1, f"expected a PGM image (P5 or P2), found {magic!r}")
-    numbers: list[int] = []
-    at, line = 2, 1
-    while len(numbers) < 3:
-        while at < len(data) and (data[at : at + 1].isspace() or data[at : at + 1] == b"#"):
-            if data[at : at + 1] == b"#":
-                end = data.find(b"\n", at)
-                at = len(data) if end < 0 else end
-                continue
-            line += data[at : at + 1] == b"\n"
-            at += 1
-        end = at
-        while end < len(data) and data[end : end + 1].isdigit():
-            end += 1
-        if end == at:
-            raise MalformedFile(path, line, f"expected width, height and white in the header, found {data[at : at + 8]!r}")
-        if end - at > _MAX_DIGITS:
-            raise MalformedFile(path, line, f"a number of {end - at} digits in the header")
-        numbers.append(int(data[at:end]))
-        at = end
-    width, height, maximum = numbers
-    if not (width > 0 and height > 0 and 0 < maximum < 65536):
-        raise MalformedFile(path, line, f"{width} x {height} pixels with white {maximum} are not a map")
-    _check_size(path, width, height, MAX_PIXELS if magic == b"P5" else MAX_PLAIN_PIXELS, line)
-    if magic == b"P2":
-        try:
-            values = np.array(data[at:].split(maxsplit=width * height)[: width * height], dtype=np.uint64)
-        except (ValueError, OverflowError):
-            raise MalformedFile(path, line, f"a pixel is not a number from 0 to {maximum}") from None
-    else:
-        values = np.frombuffer(
-            memoryview(data)[at + 1 :],
-            dtype=np.uint8 if maximum < 256 else ">u2",
-            count=min(width * height, max(0, len(data) - at - 1) // (1 if maximum < 256 else 2)),
-        )
-    if len(values) < width * height:
-        raise MalformedFile(path, None, f"expected {width * height} pixels, found {len(values)}: the file is truncated")
-    return np.minimum(values, maximum).astype(np.uint16).reshape(height, width), maximum
-
-
-def _check_size(path: Path, width: int, height: int, limit: int, line: int | None = None) -> None:
-    if width * height > limit:
-        problem = f"{width} x {height} pixels are more than the {limit} that a map may have; crop it, or use larger cells"
-        raise MalformedFile(path, line, problem)
-
-
-def _read_image(path: Path) -> tuple[NDArray[np.uint16], int]:
-    """Read an image as `_read_pgm` does; colors become gray, transparent pixels the gray of unknown cells."""
-    import cv2
-
-    content = read_bounded(path, MAX_MAP_BYTES)
-    if (size := image_size(content)) is None:
-        raise MalformedFile(path, None, f"expected {IMAGE_FORMATS}, found {len(content)} bytes that are none, or a damaged one")
-    _check_size(path, *size, MAX_PIXELS)
-    data = np.frombuffer(content, np.uint8)
-    try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:  # more pixels than OpenCV takes
-        raise MalformedFile(path, None, f"OpenCV refuses the image: {error}") from None
-    if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise MalformedFile(path, None, f"expected an image, found {len(data)} bytes that OpenCV cannot read as gray or color")
-    _check_size(path, image.shape[1], image.shape[0], MAX_PIXELS)
-    maximum = int(np.iinfo(image.dtype).max)
-    gray = image if image.ndim == 2 else image[:, :, :3].mean(axis=2)
-    if image.ndim == 3 and image.shape[2] == 4:
-        gray = np.where(image[:, :, 3] < maximum, maximum * _PIXEL_UNKNOWN / 255.0, gray)
-    return np.rint(gray).astype(np.uint16), maximum
-
-
-_READERS: dict[str, Callable[[Path], tuple[NDArray[np.uint16], int]]] = {
-    ".pgm": _read_pgm,
-    ".pnm": _read_pgm,
-    ".png": _read_image,
-    ".bmp": _read_image,
-}
+def _shown(node: yaml.Node) -> str:
+    if isinstance(node, yaml.SequenceNode):
+        return f"[{', '.join(map(_shown, node.value))}]"
+    return repr(node.value) if isinstance(node, yaml.ScalarNode) else "a mapping"

@@ -21,7 +21,7 @@ def map_path(url: str) -> Path:
         return Path(unquote(urlparse(url).path))
     if scheme or not url:
         raise ValueError(f"expected a path or file:///PATH, found {url!r}")
-    return Path(url).expanduser()
+    return Path(url)
 
 
 class MapServer(LupinNode):
@@ -40,7 +40,7 @@ class MapServer(LupinNode):
             self.destroy_node()
             raise ValueError("map_server needs yaml_filename: a map's YAML, as /slam_toolbox/save_map writes it")
         try:
-            grid = load_map(Path(path).expanduser())
+            grid = load_map(Path(path), self._warn)
         except (OSError, ValueError):
             self.destroy_node()
             raise
@@ -58,16 +58,19 @@ class MapServer(LupinNode):
 
     def _load_map(self, request: Any, response: Any) -> Any:
         try:
-            grid = load_map(map_path(request.map_url))
+            grid = load_map(map_path(request.map_url), self._warn)
         except MalformedFile as error:
             return self._refuse(request, response, response.RESULT_INVALID_MAP_DATA, error)
-        except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: an unknown user in ~user
+        except (OSError, ValueError) as error:
             return self._refuse(request, response, response.RESULT_MAP_DOES_NOT_EXIST, error)
         self._message = response.map = map_message(grid, self._frame, self.now_ns())
         self._publisher.publish(self._message)
         self.get_logger().info(f"map {request.map_url} loaded: {grid.width} x {grid.height} cells")
         response.result = response.RESULT_SUCCESS
         return response
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text)
 
     def _refuse(self, request: Any, response: Any, result: int, error: Exception) -> Any:
         self.get_logger().error(f"map {request.map_url!r} was not loaded, the present one is kept: {error}")

@@ -13,7 +13,7 @@ from lupin_cli.playbook.parser import MAX_FILES, MAX_STEPS
 from lupin_runtime import graph
 from lupin_runtime.record.definitions import schema_text
 from lupin_runtime.record.writer import RecordingWriter
-from lupin_runtime.slam.map_io import MAX_PLAIN_PIXELS
+from lupin_runtime.slam.map_image import MAX_PLAIN_PIXELS
 from tests.support.peak_memory import run_measured
 
 HEADER = "resolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
