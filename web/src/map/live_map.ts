@@ -4,8 +4,8 @@
  */
 import { FRAMES } from "@/generated/graph";
 import type { lupin_msgs_Observation, nav_msgs_OccupancyGrid, nav_msgs_Odometry, nav_msgs_Path, sensor_msgs_LaserScan, tf2_msgs_TFMessage } from "@/generated/messages";
-import { LIDAR } from "@/generated/robot_model";
-import { type Pose2, TransformTree, compose, hasMoved } from "@/ros/tf";
+import { MODEL_MOUNT, echoesOf, mountOf } from "@/ros/scan";
+import { type Pose2, TransformTree, compose, frameName, hasMoved } from "@/ros/tf";
 import type { Box } from "./boxes";
 import { type Grid, classify, isSameGrid, knownBounds, readGrid } from "./grid";
 import type { Field } from "./heat";
@@ -108,7 +108,7 @@ export class LiveMap {
   }
 
   private isFromMap({ header }: tf2_msgs_TFMessage["transforms"][number]): boolean {
-    return header.frame_id === this.frames.map || header.frame_id === `/${this.frames.map}`;
+    return frameName(header.frame_id) === frameName(this.frames.map);
   }
 
   /**
@@ -137,7 +137,7 @@ export class LiveMap {
     if (receivedMs - this.placedMs > UNPLACED_MS) return;
     const pose = this.tree.lookUp(this.frames.map, this.frames.base);
     if (pose === null) return;
-    const own = newer.find((each) => each.child_frame_id === this.frames.base || each.child_frame_id === `/${this.frames.base}`);
+    const own = newer.find((each) => frameName(each.child_frame_id) === frameName(this.frames.base));
     if (own !== undefined) {
       this.poseReceivedMs = receivedMs;
       this.history.add(own.header.stamp.sec + own.header.stamp.nanosec / 1e9, pose);
@@ -163,8 +163,10 @@ export class LiveMap {
     if (isFuture) return;
     const base = this.history.at(stampS) ?? this.pose;
     if (base === null) return;
-    const mounted = this.tree.lookUp(this.frames.base, message.header.frame_id) ?? { x: LIDAR.at[0], y: LIDAR.at[1], yaw: LIDAR.yawRad };
-    const lidar = compose(base, mounted);
+    const known = this.tree.transform(this.frames.base, message.header.frame_id);
+    const mount = known === null ? MODEL_MOUNT : mountOf(known);
+    if (mount === null) return;
+    const lidar = { ...compose(base, mount), upsideDown: mount.upsideDown };
     this.scan = { echoes: echoesOf(message, lidar), from: { x: lidar.x, y: lidar.y }, receivedMs };
     this.notify("motion");
   }
@@ -249,22 +251,6 @@ export class LiveMap {
     this.trail = this.trailOfNow ?? this.trail;
     this.trailOfNow = null;
   }
-}
-
-/** The echoes of a scan in the map, as pairs of x and y; rays without one are left out. */
-function echoesOf(scan: sensor_msgs_LaserScan, lidar: Pose2): Float32Array {
-  const points = new Float32Array(scan.ranges.length * 2);
-  let count = 0;
-  for (let ray = 0; ray < scan.ranges.length; ray += 1) {
-    const range = scan.ranges[ray] ?? NaN;
-    if (!(range >= scan.range_min && range <= scan.range_max)) continue;
-    const angle = lidar.yaw + scan.angle_min + ray * scan.angle_increment;
-    if (!Number.isFinite(angle)) continue;
-    points[count] = lidar.x + range * Math.cos(angle);
-    points[count + 1] = lidar.y + range * Math.sin(angle);
-    count += 2;
-  }
-  return points.slice(0, count);
 }
 
 /** The one map of this page: the trail goes on when another tab is shown in between. */

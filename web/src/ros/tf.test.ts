@@ -25,6 +25,17 @@ describe("TransformTree", () => {
     expect(pose?.yaw).toBeCloseTo(Math.PI / 2);
   });
 
+  it("chains roll and pitch too, and takes names with a leading slash", () => {
+    const tree = new TransformTree();
+    const [rolled, link] = [message("/base_link", "mount", 1, 0, 0), message("mount", "/laser", 0, 0.5, 0.2)];
+    rolled.transforms[0]!.transform.rotation = { x: 1, y: 0, z: 0, w: 0 };
+    tree.update(rolled);
+    tree.update(link);
+    const pose = tree.lookUp("base_link", "laser");
+    expect(pose?.y).toBeCloseTo(-0.5);
+    expect(pose?.yaw).toBeCloseTo(-0.2);
+  });
+
   it("has no pose without a whole chain, and ends in a cycle", () => {
     const tree = new TransformTree();
     tree.update(message("odom", "base_link", 1, 0, 0));

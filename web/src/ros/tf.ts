@@ -1,5 +1,5 @@
-/** The transforms of the graph, and the chain of planar poses from one frame to another. */
-import type { tf2_msgs_TFMessage } from "@/generated/messages";
+/** The transforms of the graph, and the chain of them from one frame to another. */
+import type { geometry_msgs_Quaternion as Quaternion, geometry_msgs_Vector3 as Vector, tf2_msgs_TFMessage } from "@/generated/messages";
 
 export const MAX_HOPS = 32;
 export const MOVED_M = 0.005;
@@ -12,16 +12,23 @@ export interface Pose2 {
   yaw: number;
 }
 
-interface Edge {
-  parent: string;
-  pose: Pose2;
+/** The pose of a frame in another: where its origin is, and how it is turned. */
+export interface Transform {
+  translation: Vector;
+  rotation: Quaternion;
 }
+
+interface Edge extends Transform {
+  parent: string;
+}
+
+const IDENTITY: Transform = { translation: { x: 0, y: 0, z: 0 }, rotation: { x: 0, y: 0, z: 0, w: 1 } };
 
 export function wrapAngle(angle: number): number {
   return Math.atan2(Math.sin(angle), Math.cos(angle));
 }
 
-export function yawOf({ x, y, z, w }: { x: number; y: number; z: number; w: number }): number {
+export function yawOf({ x, y, z, w }: Quaternion): number {
   return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
 }
 
@@ -36,6 +43,27 @@ export function compose(outer: Pose2, inner: Pose2): Pose2 {
   };
 }
 
+function multiply(a: Quaternion, b: Quaternion): Quaternion {
+  return {
+    x: a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+    y: a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+    z: a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
+    w: a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+  };
+}
+
+function chain(outer: Transform, inner: Transform): Transform {
+  const q = outer.rotation;
+  const turned = multiply(multiply(q, { ...inner.translation, w: 0 }), { x: -q.x, y: -q.y, z: -q.z, w: q.w });
+  const { x, y, z } = outer.translation;
+  return { translation: { x: x + turned.x, y: y + turned.y, z: z + turned.z }, rotation: multiply(q, inner.rotation) };
+}
+
+/** A transform as seen from above. */
+export function planar({ translation: { x, y }, rotation }: Transform): Pose2 {
+  return { x, y, yaw: yawOf(rotation) };
+}
+
 export function hasMoved(before: Pose2 | null, after: Pose2): boolean {
   if (before === null) return true;
   const distance = Math.hypot(after.x - before.x, after.y - before.y);
@@ -48,10 +76,12 @@ export class TransformTree {
   /** Take the transforms of a message; values that are not finite are passed over. */
   update(message: tf2_msgs_TFMessage): void {
     for (const { header, child_frame_id, transform } of message.transforms) {
-      const pose = { x: transform.translation.x, y: transform.translation.y, yaw: yawOf(transform.rotation) };
-      if (Number.isFinite(pose.x) && Number.isFinite(pose.y) && Number.isFinite(pose.yaw)) {
-        this.edges.set(frameName(child_frame_id), { parent: frameName(header.frame_id), pose });
-      }
+      const { x, y, z, w } = transform.rotation;
+      const { translation } = transform;
+      const length = Math.hypot(x, y, z, w);
+      if (!Number.isFinite(length + translation.x + translation.y + translation.z)) continue;
+      const rotation = length > 0 ? { x: x / length, y: y / length, z: z / length, w: w / length } : IDENTITY.rotation;
+      this.edges.set(frameName(child_frame_id), { parent: frameName(header.frame_id), translation, rotation });
     }
   }
 
@@ -59,22 +89,29 @@ export class TransformTree {
     this.edges.clear();
   }
 
-  /** The pose of `frame` in `root`; null without a chain of at most MAX_HOPS transforms, as in a cycle. */
+  /** The pose of `frame` in `root` as seen from above; null as `transform` is. */
   lookUp(root: string, frame: string): Pose2 | null {
-    let pose: Pose2 = { x: 0, y: 0, yaw: 0 };
+    const found = this.transform(root, frame);
+    return found === null ? null : planar(found);
+  }
+
+  /** The transform of `frame` to `root`; null without a chain of at most MAX_HOPS transforms, as in a cycle. */
+  transform(root: string, frame: string): Transform | null {
+    let result = IDENTITY;
     let current = frameName(frame);
     const end = frameName(root);
     for (let hop = 0; hop <= MAX_HOPS; hop += 1) {
-      if (current === end) return pose;
+      if (current === end) return result;
       const edge = this.edges.get(current);
       if (edge === undefined) return null;
-      pose = compose(edge.pose, pose);
+      result = chain(edge, result);
       current = edge.parent;
     }
     return null;
   }
 }
 
-function frameName(name: string): string {
+/** The name of a frame without the leading slash, which tf2 dropped and old drivers still write. */
+export function frameName(name: string): string {
   return name.startsWith("/") ? name.slice(1) : name;
 }

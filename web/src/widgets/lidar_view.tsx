@@ -1,8 +1,10 @@
 import { useEffect, useEffectEvent, useRef } from "react";
 import { TOPICS } from "@/generated/graph";
 import type { sensor_msgs_LaserScan } from "@/generated/messages";
-import { LIDAR, OUTER_RADIUS_M } from "@/generated/robot_model";
+import { OUTER_RADIUS_M } from "@/generated/robot_model";
 import { useSamples } from "@/hooks/use_topic";
+import { MODEL_MOUNT, type Mount, echoesOf, mountOf } from "@/ros/scan";
+import { TransformTree } from "@/ros/tf";
 import { useSetting } from "@/state/settings";
 import { cssColor, fitCanvas } from "./canvas";
 
@@ -12,16 +14,10 @@ export interface Echo {
   y: number;
 }
 
-/** The echoes of a scan around the robot; rays without one are left out. The lidar is mounted turned. */
-export function echoes(scan: sensor_msgs_LaserScan): Echo[] {
-  const found: Echo[] = [];
-  for (let ray = 0; ray < scan.ranges.length; ray += 1) {
-    const range = scan.ranges[ray] ?? NaN;
-    if (!(range >= scan.range_min && range <= scan.range_max)) continue;
-    const angle = scan.angle_min + ray * scan.angle_increment + LIDAR.yawRad;
-    found.push({ x: LIDAR.at[0] + range * Math.cos(angle), y: LIDAR.at[1] + range * Math.sin(angle) });
-  }
-  return found;
+/** The echoes of a scan around the robot; rays without one are left out. */
+export function echoes(scan: sensor_msgs_LaserScan, mount: Mount = MODEL_MOUNT): Echo[] {
+  const points = echoesOf(scan, mount);
+  return Array.from({ length: points.length / 2 }, (_, at) => ({ x: points[2 * at] ?? NaN, y: points[2 * at + 1] ?? NaN }));
 }
 
 /** The distance in m from the robot's outline to the nearest echo; null without echoes. */
@@ -41,15 +37,19 @@ interface LidarViewProps {
 export function LidarView({ rangeM = 3.2, label, onScan }: LidarViewProps) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const points = useRef<Echo[]>([]);
-  const name = useSetting("scanTopic");
+  const tree = useRef(new TransformTree());
+  const [name, base] = [useSetting("scanTopic"), useSetting("baseFrame")];
 
   function draw(): void {
     if (canvas.current !== null) drawScan(canvas.current, points.current, rangeM);
   }
   const drawAnew = useEffectEvent(draw);
 
+  useSamples(TOPICS.TF_STATIC, ({ message }) => tree.current.update(message));
   useSamples({ name, type: TOPICS.SCAN.type }, ({ message, receivedMs }) => {
-    points.current = echoes(message);
+    const known = tree.current.transform(base, message.header.frame_id);
+    const mount = known === null ? MODEL_MOUNT : mountOf(known);
+    points.current = mount === null ? [] : echoes(message, mount);
     onScan?.({ nearestM: nearest(points.current), receivedMs });
     draw();
   });
