@@ -18,6 +18,11 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
+def frame_name(frame: str) -> str:
+    """Return the name of a frame without the leading slash, which tf2 dropped and old drivers still write."""
+    return frame.removeprefix("/")
+
+
 class TransformUnavailable(LookupError):
     """No chain of transforms connects the two frames, or not at that time; the message names the missing frame."""
 
@@ -157,6 +162,7 @@ class TransformTree:
         """Add a sample. Raises ValueError for a non-finite one, which would spoil every chain through it."""
         if not all(map(math.isfinite, (*transform.translation, *transform.rotation))):
             raise ValueError(f"transform {parent} -> {child} is not finite")
+        parent, child = frame_name(parent), frame_name(child)
         with self._lock:
             edge = self._edges.get(child)
             if edge is None or edge.parent != parent or edge.static != static:
@@ -168,6 +174,7 @@ class TransformTree:
 
         Raises TransformUnavailable, naming what is missing.
         """
+        target, source = frame_name(target), frame_name(source)
         with self._lock:
             up, down = self._chain(source), self._chain(target)
             common = next((frame for frame in up if frame in down), None)
@@ -179,6 +186,7 @@ class TransformTree:
 
     def newest_ns(self, target: str, source: str) -> int | None:
         """Return the newest time at which `lookup` succeeds; None if every edge is static; raises as `lookup` does."""
+        target, source = frame_name(target), frame_name(source)
         with self._lock:
             up, down = self._chain(source), self._chain(target)
             common = next((frame for frame in up if frame in down), None)

@@ -19,7 +19,7 @@ from lupin_runtime.ros import LupinNode, stamp_ns
 from lupin_runtime.ros.node import qos_profile
 from lupin_runtime.ros.polled_subscription import PolledGroup
 from lupin_runtime.ros.tf import from_message
-from lupin_runtime.transforms import Transform
+from lupin_runtime.transforms import Transform, frame_name
 
 _MAX_MESSAGES = 500  # bounds a lookup while messages keep arriving
 
@@ -49,7 +49,7 @@ class PolledTransform:
     """
 
     def __init__(self, node: LupinNode, target: str, source: str) -> None:
-        self._node, self._target, self._source = node, target, source
+        self._node, self._target, self._source = node, frame_name(target), frame_name(source)
         self._edges: dict[str, tuple[str, Transform, int | None]] = {}
         self._age = TransformAge()
         self._subscription = node.create_subscription(
@@ -96,8 +96,8 @@ class PolledTransform:
             # One NaN would spoil every later product; NaN is the only value that differs from itself.
             if any(value != value for value in (*transform.translation, *transform.rotation)):
                 continue
-            self._edges[item.child_frame_id] = (
-                item.header.frame_id,
+            self._edges[frame_name(item.child_frame_id)] = (
+                frame_name(item.header.frame_id),
                 transform,
                 None if static else stamp_ns(item.header.stamp),
             )

@@ -89,6 +89,10 @@ class LidarMonitor:
             return None
         return f"no usable scan for {age_s:.1f} s ({self._problem})"
 
+    def refuse(self, problem: str) -> None:
+        """Note why a scan cannot be used: as long as none can, the lidar is not trusted."""
+        self._problem = problem
+
     def note_silence(self) -> None:
         """Note that no scan arrived."""
         self._problem = "no message arrives on /scan"

@@ -17,6 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, yaw_from_quaternion
 from lupin_runtime.gridmap import GridMap
+from lupin_runtime.laser_scan import scan_geometry
 from lupin_runtime.navigation.costmap import Costmap, RangeScan
 from lupin_runtime.navigation.costmap.costs import OCCUPANCY_OF_COST
 from lupin_runtime.navigation.planning.paths import headings
@@ -24,6 +25,7 @@ from lupin_runtime.ros import stamp_from_ns, stamp_ns
 from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.markers import make_marker, marker_array
 from lupin_runtime.ros.plane_messages import grid_message, plane_pose_message
+from lupin_runtime.transforms import Transform
 
 _MAX_CELLS = 64_000_000
 
@@ -69,15 +71,16 @@ def duration_message(seconds: float) -> Duration:
     return Duration(sec=whole, nanosec=int((seconds - whole) * 1e9))
 
 
-def scan_from_message(message: Any) -> RangeScan:
-    """Convert a LaserScan to a RangeScan."""
+def scan_from_message(message: Any, base_from_laser: Transform) -> RangeScan:
+    """Convert a LaserScan to a RangeScan. Raises TiltedLaser."""
     count = len(message.ranges)
+    seen = scan_geometry(message, base_from_laser)
     return RangeScan(
         np.frombuffer(message.ranges, np.float32) if count else np.zeros(0, np.float32),
-        float(message.angle_min),
-        float(message.angle_increment),
-        max(0.0, float(message.range_min)),
-        float(message.range_max) if message.range_max > 0.0 else math.inf,
+        seen.angle_min_rad,
+        seen.angle_step_rad,
+        seen.range_min_m,
+        seen.range_max_m,
         stamp_ns(message.header.stamp),
         max(0.0, float(message.time_increment) * max(count - 1, 0)),
     )

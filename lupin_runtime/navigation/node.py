@@ -43,7 +43,7 @@ from lupin_runtime.ros.node import qos_profile
 from lupin_runtime.ros.plane_messages import plane_pose_message
 from lupin_runtime.safety.estop_monitor import DRAIN_S
 from lupin_runtime.safety.estop_subscription import subscribe_estop
-from lupin_runtime.transforms import TransformUnavailable
+from lupin_runtime.transforms import TransformUnavailable, frame_name
 
 # A late tick advances the node's clock by at most this, so that no timeout expires after a stall or a clock jump.
 _LONGEST_TICK_S = 0.5
@@ -228,7 +228,7 @@ class Navigator(LupinNode):
             pose = pose_from_message(message)
         except ValueError as error:
             raise UnusableGoal(Failure.INVALID_POSE, str(error)) from error
-        frame = message.header.frame_id.lstrip("/")
+        frame = frame_name(message.header.frame_id)
         if frame in ("", graph.MAP_FRAME):
             return pose
         try:

@@ -8,6 +8,7 @@ from rclpy.serialization import deserialize_message
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2
+from lupin_runtime.laser_scan import TiltedLaser
 from lupin_runtime.navigation.costmap import BeamPoses, Costmap, LocalCostmap, RangeScan
 from lupin_runtime.navigation.lidar_monitor import LidarMonitor
 from lupin_runtime.navigation.messages import scan_from_message
@@ -159,11 +160,15 @@ class RobotState:
             self._lidar.note_silence()
             return None
         message = deserialize_message(data, self._scan_type)
-        scan = scan_from_message(message)
+        frame = message.header.frame_id
+        try:
+            scan = scan_from_message(message, self._listener.tree.lookup(graph.BASE_FRAME, frame))
+        except (TransformUnavailable, TiltedLaser) as error:
+            self._lidar.refuse(str(error))
+            return None
         if not self._lidar.accept(scan, base, self._now_s()):
             return None
         try:
-            frame = message.header.frame_id
             first = self._sensor_pose(frame, scan.stamp_ns)
             last = self._sensor_pose(frame, scan.stamp_ns + int(scan.duration_s * 1e9)) if scan.duration_s > 0.0 else first
         except TransformUnavailable as error:

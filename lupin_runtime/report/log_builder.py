@@ -11,6 +11,7 @@ import numpy as np
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, yaw_from_quaternion
 from lupin_runtime.gridmap import GridMap
+from lupin_runtime.laser_scan import TiltedLaser, scan_geometry
 from lupin_runtime.report.clearance import clearance_m
 from lupin_runtime.report.run_log import (
     CameraImage,
@@ -28,6 +29,7 @@ from lupin_runtime.report.run_log import (
     TwinTag,
 )
 from lupin_runtime.report.trajectory import TrajectoryBuilder
+from lupin_runtime.transforms import Transform, frame_name
 from lupin_runtime.twin.health import in_natural_unit
 
 # The reader drops messages above these rates before it deserializes them.
@@ -54,6 +56,7 @@ class LogBuilder:
         self.log = RunLog()
         self._path = TrajectoryBuilder()
         self._started = False
+        self._mount = Transform()
         self._handlers: dict[str, Callable[[float, Any], None]] = {
             graph.TF.name: self._add_transforms,
             graph.TF_STATIC.name: self._add_transforms,
@@ -103,7 +106,7 @@ class LogBuilder:
     # -- motion --------------------------------------------------------------------------------------------------------
     def _add_transforms(self, t_s: float, message: Any) -> None:
         for item in message.transforms:
-            edge = (item.header.frame_id, item.child_frame_id)
+            edge = (frame_name(item.header.frame_id), frame_name(item.child_frame_id))
             if edge not in _TRANSFORMS:
                 continue
             t, q = item.transform.translation, item.transform.rotation
@@ -116,6 +119,7 @@ class LogBuilder:
                 self._path.odom_from_base(t_s, _stamp_s(item.header.stamp), pose)
             else:
                 self.log.base_from_laser = pose
+                self._mount = Transform((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
 
     def _add_odometry(self, t_s: float, message: Any) -> None:
         self.log.speed.append((t_s, *_speed(message.twist.twist)))
@@ -124,9 +128,13 @@ class LogBuilder:
         self.log.command.append((t_s, *_speed(message)))
 
     def _add_scan(self, t_s: float, message: Any) -> None:
+        try:
+            seen = scan_geometry(message, self._mount)
+        except TiltedLaser:
+            return
         ranges = np.array(message.ranges, dtype=np.float32)
-        ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = np.nan
-        scan = LidarScan(t_s, float(message.angle_min), float(message.angle_increment), ranges)
+        ranges[~((ranges >= seen.range_min_m) & (ranges <= seen.range_max_m))] = np.nan
+        scan = LidarScan(t_s, seen.angle_min_rad, seen.angle_step_rad, ranges)
         if not self.log.scans or not 0.0 <= t_s - self.log.scans[-1].t_s < _SCAN_PERIOD_S - 1e-6:
             self.log.scans.append(scan)
         if self.log.base_from_laser is not None:

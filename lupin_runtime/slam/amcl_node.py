@@ -27,9 +27,9 @@ from lupin_runtime.slam.likelihood_field import LikelihoodFieldParameters
 from lupin_runtime.slam.lost_robot import LostRobot, lost_belief
 from lupin_runtime.slam.relocation import Relocation, relocate
 from lupin_runtime.slam.saved_localization import SAVE_PERIOD_S, SavedLocalization, load_localization
-from lupin_runtime.slam.scan import MIN_POINTS, ScanReader
-from lupin_runtime.slam.slam_node import CLOCK_STEP_NS, LaserMount
-from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
+from lupin_runtime.slam.scan import MIN_POINTS, ScanReader, beams_of
+from lupin_runtime.slam.slam_node import CLOCK_STEP_NS
+from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable, frame_name
 
 Array = NDArray[np.floating]
 
@@ -58,7 +58,6 @@ class AmclNode(LupinNode):
         super().__init__("amcl", parameters)
         self._declare()
         self._tree = TransformTree()
-        self._mount = LaserMount(self._tree, self._base_frame)
         self._reader, self._judge = ScanReader(), ScanJudge()
         self._grid: GridMap | None = None
         self._filter: Amcl | None = None
@@ -143,7 +142,7 @@ class AmclNode(LupinNode):
         )
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
-        if message.header.frame_id not in ("", self._map_frame):
+        if frame_name(message.header.frame_id) not in ("", self._map_frame):
             self.get_logger().error(f"initial pose in frame {message.header.frame_id!r} ignored: expected {self._map_frame!r}")
             return
         at, q = message.pose.pose.position, message.pose.pose.orientation
@@ -307,7 +306,8 @@ class AmclNode(LupinNode):
 
     def _read(self, scan: LaserScan, odom: Pose2) -> Array | None:
         """Return the scan's end points (b, 2) in the robot's frame, or None for one that must not be used."""
-        beams = self._mount.beams(scan, self._range_min_m, self._range_max_m)
+        mount = self._tree.lookup(self._base_frame, scan.header.frame_id)
+        beams = beams_of(scan, mount, self._range_min_m, self._range_max_m)
         ranges = np.frombuffer(scan.ranges, np.float32).astype(float)
         points = self._reader.read(beams, ranges)
         health = self._judge.judge(ranges, len(points) >= MIN_POINTS, odom)

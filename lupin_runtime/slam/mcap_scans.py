@@ -17,8 +17,8 @@ from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.record.reader import NotARecording
 from lupin_runtime.record.runs import RecordedRun, run_at
 from lupin_runtime.slam.offline import OfflineScan
-from lupin_runtime.slam.scan import Beams
-from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
+from lupin_runtime.slam.scan import beams_of
+from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable, frame_name
 
 # The tree keeps the transforms of the whole recording, since poses are looked up after all of it is read.
 _WHOLE_RECORDING_S = 1e8
@@ -60,7 +60,7 @@ def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 1
                 continue
             static = topic == graph.TF_STATIC.name
             for item in message.transforms:
-                t, parent = item.transform, item.header.frame_id
+                t, parent = item.transform, frame_name(item.header.frame_id)
                 # The odometry is the only moving transform needed; its own topic takes precedence over /tf.
                 if static or (parent == graph.ODOM_FRAME and not has_odometry):
                     _insert(tree, parent, item.child_frame_id, item.header.stamp, t.translation, t.rotation, static)
@@ -96,13 +96,6 @@ def _scan(tree: TransformTree, message: Any, range_min_m: float, range_max_m: fl
     stamp = _ns(message.header.stamp)
     odom = tree.lookup(graph.ODOM_FRAME, graph.BASE_FRAME, stamp)
     mount = tree.lookup(graph.BASE_FRAME, message.header.frame_id)
-    beams = Beams(
-        float(message.angle_min),
-        float(message.angle_increment),
-        len(message.ranges),
-        mount.to_pose2(),
-        max(range_min_m, float(message.range_min)),
-        min(range_max_m, float(message.range_max)),
-    )
+    beams = beams_of(message, mount, range_min_m, range_max_m)
     seconds, rest = divmod(stamp, 1_000_000_000)
     return OfflineScan(f"{seconds}.{rest:09d}", stamp / 1e9, odom.to_pose2(), np.asarray(message.ranges, dtype=float), beams)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2
+from lupin_runtime.laser_scan import scan_geometry
 from lupin_runtime.slam.kernels import scan_normals
+from lupin_runtime.transforms import Transform
 
 Array = NDArray[np.floating]
 
@@ -53,13 +56,21 @@ class Beams:
             math.isfinite(self.angle_min) and math.isfinite(self.angle_step) and self.angle_step != 0.0 and self.count >= 2
         ):
             raise ValueError(
-                f"{self.count} beams from {self.angle_min} rad every {self.angle_step} rad make no scan: expected finite angles"
+                f"{self.count} beams from {self.angle_min} rad every {self.angle_step} rad make no scan: "
+                "expected at least 2 beams, and finite angles"
             )
 
     @property
     def field_of_view(self) -> float:
         """Radians that the beams cover."""
         return min(abs(self.angle_step) * self.count, 2.0 * math.pi)
+
+
+def beams_of(scan: Any, base_from_laser: Transform, range_min_m: float, range_max_m: float) -> Beams:
+    """Return the beams of a LaserScan within these limits. Raises ValueError for a tilted laser or invalid angles."""
+    seen = scan_geometry(scan, base_from_laser)
+    limits = max(range_min_m, seen.range_min_m), min(range_max_m, seen.range_max_m)
+    return Beams(seen.angle_min_rad, seen.angle_step_rad, len(scan.ranges), seen.mount, *limits)
 
 
 class ScanReader:

@@ -24,7 +24,7 @@ from lupin_runtime.scan_health import ScanHealth
 from lupin_runtime.slam.map_io import save_map
 from lupin_runtime.slam.mapper import Mapper, ScanResult
 from lupin_runtime.slam.parameters import TABLE, mapper_settings
-from lupin_runtime.slam.scan import Beams
+from lupin_runtime.slam.scan import beams_of
 from lupin_runtime.slam.session import MappingSession, load_session, save_session
 from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
 
@@ -45,28 +45,6 @@ def map_message(grid: GridMap, frame: str, time_ns: int) -> OccupancyGrid:
     return grid_message(grid.cells, grid.resolution_m, (grid.origin_x, grid.origin_y), frame, time_ns)
 
 
-class LaserMount:
-    """Converts scans to beams on the robot; looks up the laser's pose in TF, once per frame."""
-
-    def __init__(self, tree: TransformTree, base_frame: str) -> None:
-        self._tree, self._base_frame = tree, base_frame
-        self._mounts: dict[str, Pose2] = {}
-
-    def beams(self, scan: LaserScan, range_min_m: float, range_max_m: float) -> Beams:
-        """Return the beams of a scan. Raises TransformUnavailable for an unknown frame, ValueError for invalid angles."""
-        frame = scan.header.frame_id
-        if frame not in self._mounts:
-            self._mounts[frame] = self._tree.lookup(self._base_frame, frame).to_pose2()
-        return Beams(
-            float(scan.angle_min),
-            float(scan.angle_increment),
-            len(scan.ranges),
-            self._mounts[frame],
-            max(range_min_m, float(scan.range_min)),
-            min(range_max_m, float(scan.range_max)) if scan.range_max > 0.0 else range_max_m,
-        )
-
-
 class SlamNode(LupinNode):
     """Subscribes to `/scan` and odom -> base_link; publishes `/map` and map -> odom."""
 
@@ -78,7 +56,6 @@ class SlamNode(LupinNode):
         self._odom_frame, self._base_frame, self._map_frame = p["odom_frame"], p["base_frame"], p["map_frame"]
         self._timeout_ns = int(p["transform_timeout"] * 1e9)
         self._tree = TransformTree(keep_s=float(p["tf_buffer_duration"]))
-        self._mount = LaserMount(self._tree, self._base_frame)
         self._mapper = Mapper(self._settings)
         self._map_from_odom: Pose2 | None = None
         self._waiting: deque[tuple[LaserScan, int]] = deque(maxlen=max(1, int(p["scan_buffer_size"])))
@@ -147,7 +124,8 @@ class SlamNode(LupinNode):
                 self.get_logger().error(f"scan dropped: {error}", throttle_duration_sec=5.0)
 
     def _map_scan(self, scan: LaserScan, stamp: int) -> None:
-        beams = self._mount.beams(scan, self._p["min_laser_range"], self._p["max_laser_range"])
+        mount = self._tree.lookup(self._base_frame, scan.header.frame_id)
+        beams = beams_of(scan, mount, self._p["min_laser_range"], self._p["max_laser_range"])
         odom = self._tree.lookup(self._odom_frame, self._base_frame, stamp).to_pose2()
         ranges = np.frombuffer(scan.ranges, np.float32).astype(float)
         beam_s = float(scan.time_increment)

@@ -23,6 +23,7 @@ from std_msgs.msg import String
 from lupin_runtime import graph
 from lupin_runtime.perception.box_geometry import MalformedBoxes, read_boxes
 from lupin_runtime.ros import LupinNode, stamp_from_ns, stamp_ns
+from lupin_runtime.transforms import frame_name
 from lupin_runtime.twin.field import FieldCache, FieldError, FieldRequest, IdwOptions, interpolate
 from lupin_runtime.twin.store import PotFlowers, TagRecord, TwinFlower, TwinPose, TwinStore
 
@@ -39,7 +40,7 @@ class TwinNode(LupinNode):
         field_service = str(self.parameter("field_service_name", graph.GET_FIELD.name))
         discovered = str(self.parameter("discovered_tags_topic", graph.DISCOVERED_TAGS.name))
         rate_hz = max(0.1, float(self.parameter("state_publish_rate_hz", 1.0)))
-        self._frame = str(self.parameter("frame_id", graph.MAP_FRAME))
+        self._frame = frame_name(str(self.parameter("frame_id", graph.MAP_FRAME)))
         self._store = TwinStore(int(self.parameter("buffer_len", 32)))
         self._idw = IdwOptions(
             float(self.parameter("idw_power", 2.0)),
@@ -55,7 +56,7 @@ class TwinNode(LupinNode):
         self.create_timer(1.0 / rate_hz, self._publish)
 
     def _on_observation(self, message: Observation) -> None:
-        if message.header.frame_id != self._frame:
+        if frame_name(message.header.frame_id) != self._frame:
             self._drop(f"frame {message.header.frame_id!r} is not {self._frame!r}")
             return
         pose = None
@@ -86,7 +87,7 @@ class TwinNode(LupinNode):
         return observed_ns if 0 < observed_ns <= now_ns else now_ns
 
     def _on_discovered(self, message: DiscoveredTags) -> None:
-        if message.header.frame_id != self._frame:
+        if frame_name(message.header.frame_id) != self._frame:
             self.get_logger().warning(
                 f"discovered tags dropped: frame {message.header.frame_id!r} is not {self._frame!r}",
                 throttle_duration_sec=DROP_WARNING_S,

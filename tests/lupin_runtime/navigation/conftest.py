@@ -73,9 +73,15 @@ def _robot_class() -> type[Any]:
             self._map = self.publisher(graph.MAP)
             self._tf = TransformBroadcaster(self)
             self.subscription(graph.CMD_VEL_NAV, self._on_command)
-            # The lidar faces left, so that code which ignores its mount drives into walls.
-            self._tf.send_static(to_message(graph.BASE_FRAME, graph.LASER_FRAME, 0, transform(Pose2(0.0, 0.0, math.pi / 2))))
+            self.mount_lidar(0.0)
             self.create_timer(STEP_S / SPEED, self._step)
+
+        def mount_lidar(self, roll: float) -> None:
+            """Mount the lidar. It faces left, so that code which ignores its mount drives into walls."""
+            self.roll = roll
+            rolled = Transform(rotation=(math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2)))
+            mount = transform(Pose2(0.0, 0.0, math.pi / 2)) @ rolled
+            self._tf.send_static(to_message(graph.BASE_FRAME, f"/{graph.LASER_FRAME}", 0, mount))
 
         def _on_command(self, message: Twist) -> None:
             self.command = (message.linear.x, message.linear.y, message.angular.z)
@@ -120,6 +126,8 @@ def _robot_class() -> type[Any]:
             if self.scan_mode == "silent":
                 return
             ranges = self.arena.ranges(self.base.truth @ Pose2(0.0, 0.0, math.pi / 2), self._random)
+            if self.roll == math.pi:
+                ranges = np.roll(ranges[::-1], 1)
             if self.scan_mode == "frozen":
                 self._frozen = ranges = ranges if self._frozen is None else self._frozen
             elif self.scan_mode == "nan":

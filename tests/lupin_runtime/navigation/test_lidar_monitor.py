@@ -16,6 +16,16 @@ def _scan(range_m: float, stamp_ns: int) -> RangeScan:
     return RangeScan(np.full(360, range_m, np.float32), 0.0, 0.0175, 0.03, 12.0, stamp_ns)
 
 
+def test_lidar_whose_scans_cannot_be_placed_is_not_trusted() -> None:
+    monitor = LidarMonitor()
+    monitor.refuse("the laser is tilted")
+    assert monitor.reason(0.0) == "the laser is tilted"
+    assert monitor.accept(_scan(2.0, 1), Pose2(), 1.0)
+    monitor.refuse("the laser is tilted")
+    assert monitor.reason(1.5) is None
+    assert monitor.reason(2.5) == "no usable scan for 1.5 s (the laser is tilted)"
+
+
 def test_lidar_without_any_scan_is_blind() -> None:
     assert "no scan" in (LidarMonitor().reason(0.0) or "")
 

@@ -107,6 +107,21 @@ def test_blind_lidar_stops_the_robot_until_it_recovers(pilot: Any, mode: str) ->
     assert pilot.result(handle).status == SUCCEEDED
 
 
+def test_lidar_that_hangs_upside_down_keeps_off_walls(pilot: Any) -> None:
+    pilot.robot.mount_lidar(math.pi)
+    assert pilot.result(pilot.send(pilot.goal(3.2, 2.0))).status == SUCCEEDED  # the fixture counts collisions
+
+
+def test_tilted_lidar_stops_the_robot_and_is_named(pilot: Any) -> None:
+    handle = pilot.send(pilot.goal(3.2, 2.0))
+    pilot.host.until(pilot.driving, 20)
+    pilot.robot.mount_lidar(math.radians(30.0))
+    pilot.host.until(lambda: pilot.at_rest() and pilot.ends_with_zero(), 4, "a halt under a tilted lidar")
+    assert "'laser' is tilted by 30 degrees" in pilot.navigator._robot_state.lidar_fault()
+    pilot.robot.mount_lidar(0.0)
+    assert pilot.result(handle).status == SUCCEEDED
+
+
 @pytest.mark.parametrize("action", [graph.NAVIGATE_TO_POSE, graph.NAVIGATE_THROUGH_POSES], ids=lambda row: row.name)
 def test_estop_aborts_goals_and_its_release_starts_nothing(pilot: Any, action: Action) -> None:
     from nav2_msgs.action import FollowPath, NavigateThroughPoses

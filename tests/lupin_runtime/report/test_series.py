@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.report.clearance import clearance_m
+from lupin_runtime.report.log_builder import LogBuilder
 from lupin_runtime.report.map_history import MAX_SNAPSHOTS, MapHistory
 from lupin_runtime.report.run_log import ClockSample, RunLog, TimedPosition
 from lupin_runtime.report.series import keep_extremes, localization_error, real_time_factor, run_series
@@ -132,3 +134,23 @@ def test_map_history_is_bounded_and_spread_over_the_run() -> None:
     assert max(b - a for a, b in pairwise(times)) < 7200 / MAX_SNAPSHOTS * 3
     assert history.snapshots[3].grid.cells.tolist() == [[times[3] % 100] * 6] * 4
     assert (history.snapshots[3].grid.origin_x, history.snapshots[3].grid.origin_y) == (-1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("roll", "kept"), [(0.0, 1), (math.pi, 1), (math.radians(30.0), 0)], ids=["level", "hanging", "tilted"]
+)
+def test_scans_of_a_report_follow_the_lidars_mount(roll: float, kept: int) -> None:
+    def vector(**parts: float) -> SimpleNamespace:
+        return SimpleNamespace(**{"x": 0.0, "y": 0.0, "z": 0.0, **parts})
+
+    builder = LogBuilder()
+    mount = SimpleNamespace(translation=vector(x=0.1), rotation=vector(x=math.sin(roll / 2.0), w=math.cos(roll / 2.0)))
+    header = SimpleNamespace(frame_id="/base_link", stamp=SimpleNamespace(sec=0, nanosec=0))
+    transform = SimpleNamespace(header=header, child_frame_id="laser", transform=mount)
+    builder.add("/tf_static", 0, 0, SimpleNamespace(transforms=[transform]))
+    limits = {"range_min": 0.0, "range_max": 0.0, "angle_min": 0.5, "angle_increment": 0.1}
+    builder.add("/scan", 10**9, 10**9, SimpleNamespace(header=SimpleNamespace(frame_id="laser"), ranges=[1.0, 2.0], **limits))
+    assert len(builder.log.scans) == len(builder.log.clearance) == kept
+    if kept:
+        assert builder.log.scans[0].angle_min == (0.5 if roll == 0.0 else -0.5)
+        np.testing.assert_array_equal(builder.log.scans[0].ranges, [1.0, 2.0])

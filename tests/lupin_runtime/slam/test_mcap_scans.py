@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from array import array
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,10 @@ from typer.testing import CliRunner
 from lupin_cli.commands.map import app
 from lupin_runtime import graph
 from lupin_runtime.atomic_file import MalformedFile
-from lupin_runtime.geometry import Pose2, quaternion_from_yaw
+from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaternion
 from lupin_runtime.slam.mcap_scans import read_recording
+from lupin_runtime.slam.scan import ScanReader
+from lupin_runtime.transforms import Quaternion
 from tests.support import slam_worlds
 
 if TYPE_CHECKING:
@@ -32,8 +35,21 @@ START_NS = 1_700_000_000_123_456_789
 MOUNT = Pose2(0.05, 0.0, math.pi / 2)
 
 
-def record(path: Path, log: Log, scans: int, odometry: str = graph.ODOM.name, mount: bool = True) -> None:
-    """Write scans with odometry between them, out of order as recorders do."""
+def record(
+    path: Path,
+    log: Log,
+    scans: int,
+    odometry: str = graph.ODOM.name,
+    mount: bool = True,
+    turned: Quaternion | None = None,
+    names: dict[str, str] | None = None,
+    edit: Callable[[int, LaserScan], None] = lambda _number, _scan: None,
+) -> None:
+    """Write scans with odometry between them, out of order as recorders do.
+
+    `turned` is another rotation of the mount, whose scans go round clockwise seen from above; `names` are other frame names.
+    """
+    name = {each: each for each in ("base_link", "laser", "odom", "map")} | {"laser in scans": "laser"} | (names or {})
     from geometry_msgs.msg import TransformStamped
     from mcap.writer import Writer
     from nav_msgs.msg import Odometry
@@ -45,7 +61,8 @@ def record(path: Path, log: Log, scans: int, odometry: str = graph.ODOM.name, mo
 
     def transform(parent: str, child: str, stamp: int, pose: Pose2) -> TransformStamped:
         message = TransformStamped()
-        message.header.frame_id, message.child_frame_id, message.header.stamp = parent, child, stamp_from_ns(stamp)
+        message.header.frame_id, message.child_frame_id = name[parent], name[child]
+        message.header.stamp = stamp_from_ns(stamp)
         message.transform.translation.x, message.transform.translation.y = pose.x, pose.y
         _, _, message.transform.rotation.z, message.transform.rotation.w = quaternion_from_yaw(pose.yaw)
         return message
@@ -66,14 +83,23 @@ def record(path: Path, log: Log, scans: int, odometry: str = graph.ODOM.name, mo
             writer.add_message(channels[topic], stamp, serialize_message(message), stamp)
 
         if mount:
-            put(graph.TF_STATIC.name, START_NS, TFMessage(transforms=[transform("base_link", "laser", 0, MOUNT)]))
+            mounted = transform("base_link", "laser", 0, MOUNT)
+            if turned is not None:
+                q = mounted.transform.rotation
+                q.x, q.y, q.z, q.w = turned
+            put(graph.TF_STATIC.name, START_NS, TFMessage(transforms=[mounted]))
         for k in range(scans):
             stamp = START_NS + k * 100_000_000
             pose = Pose2(*(float(v) for v in log.odom[k]))
             scan = LaserScan(range_min=0.03, range_max=12.0, angle_increment=float(log.angles[1] - log.angles[0]))
             scan.angle_min = float(log.angles[0]) - MOUNT.yaw
-            scan.header.frame_id, scan.header.stamp = "laser", stamp_from_ns(stamp)
+            scan.header.frame_id, scan.header.stamp = name["laser in scans"], stamp_from_ns(stamp)
             scan.ranges = array("f", log.ranges[k].astype(np.float32).tobytes())
+            if turned is not None:
+                heading = yaw_from_quaternion(*turned)
+                scan.angle_min = heading - float(log.angles[-1])
+                scan.ranges = scan.ranges[::-1]
+            edit(k, scan)
             put(graph.SCAN.name, stamp, scan)
             if odometry == graph.ODOM.name:
                 message = Odometry()
@@ -133,3 +159,79 @@ def test_truncated_recording_is_mapped_up_to_its_end(tmp_path: Path, greenhouse_
     (tmp_path / "none.mcap").write_bytes(whole[:20])
     with pytest.raises(MalformedFile, match=r"none\.mcap"):
         read_recording(tmp_path / "none.mcap")
+
+
+def first_points(path: Path, number: int = 7) -> np.ndarray:
+    scan = read_recording(path).scans[number]
+    return ScanReader().read(scan.beams, scan.ranges).xy
+
+
+HANGING = {
+    "roll": (1.0, 0.0, 0.0, 0.0),
+    "pitch": (0.0, 1.0, 0.0, 0.0),
+    "roll and yaw": (math.cos(0.3), math.sin(0.3), 0.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("turned", HANGING.values(), ids=HANGING)
+def test_lidar_that_hangs_upside_down_sees_the_same_room(tmp_path: Path, greenhouse_log: Log, turned: Quaternion) -> None:
+    record(tmp_path / "upright.mcap", greenhouse_log, 10)
+    record(tmp_path / "hanging.mcap", greenhouse_log, 10, turned=turned)
+    points = first_points(tmp_path / "hanging.mcap")[::-1]
+    np.testing.assert_allclose(points, first_points(tmp_path / "upright.mcap"), atol=1e-5)
+
+
+def test_tilted_lidar_is_refused_with_its_angle(tmp_path: Path, greenhouse_log: Log) -> None:
+    record(tmp_path / "r.mcap", greenhouse_log, 10, turned=(0.0, math.sin(math.radians(15)), 0.0, math.cos(math.radians(15))))
+    result = CliRunner().invoke(app, ["build", str(tmp_path / "r.mcap"), "--out", str(tmp_path / "map")])
+    assert result.exit_code == 2
+    assert "the laser 'laser' is tilted by 30 degrees" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "names",
+    [{"laser in scans": "/laser"}, {"laser": "/laser"}, {"odom": "/odom", "base_link": "/base_link"}],
+    ids=["scan", "laser", "odometry"],
+)
+@pytest.mark.parametrize("odometry", [graph.ODOM.name, graph.TF.name])
+def test_leading_slash_of_a_frame_changes_nothing(
+    tmp_path: Path, greenhouse_log: Log, names: dict[str, str], odometry: str
+) -> None:
+    record(tmp_path / "plain.mcap", greenhouse_log, 10)
+    record(tmp_path / "slash.mcap", greenhouse_log, 10, odometry, names=names)
+    np.testing.assert_array_equal(first_points(tmp_path / "slash.mcap"), first_points(tmp_path / "plain.mcap"))
+
+
+def test_other_prefix_of_a_frame_is_another_frame(tmp_path: Path, greenhouse_log: Log) -> None:
+    record(tmp_path / "r.mcap", greenhouse_log, 10, names={"laser in scans": "robot1/laser"})
+    with pytest.raises(MalformedFile, match="from 'robot1/laser' to 'base_link'"):
+        read_recording(tmp_path / "r.mcap")
+
+
+@pytest.mark.parametrize("limit", [0.0, math.inf, math.nan])
+def test_scans_without_a_range_limit_are_mapped(tmp_path: Path, greenhouse_log: Log, limit: float) -> None:
+    def edit(_: int, scan: LaserScan) -> None:
+        scan.range_max = limit
+
+    record(tmp_path / "plain.mcap", greenhouse_log, 10)
+    record(tmp_path / "limitless.mcap", greenhouse_log, 10, edit=edit)
+    np.testing.assert_array_equal(first_points(tmp_path / "limitless.mcap"), first_points(tmp_path / "plain.mcap"))
+
+
+def test_empty_first_scans_and_varying_counts_are_mapped(tmp_path: Path, greenhouse_log: Log) -> None:
+    """As of drivers that publish while the motor starts, and of those whose number of beams follows its speed."""
+
+    def edit(number: int, scan: LaserScan) -> None:
+        if number < 3:
+            scan.ranges = array("f")
+        elif number < 5:
+            scan.ranges = array("f", [math.inf] * len(scan.ranges))
+        else:
+            scan.ranges = scan.ranges[: len(scan.ranges) - number % 4]
+
+    record(tmp_path / "r.mcap", greenhouse_log, 60, edit=edit)
+    result = CliRunner().invoke(app, ["build", str(tmp_path / "r.mcap"), "--out", str(tmp_path / "map"), "--json"])
+    assert result.exit_code == 0, result.stderr
+    built = json.loads(result.stdout)
+    assert (built["scans"], built["unusable"], built["problems"]) == (57, 2, 3)
+    assert "0 beams" in result.stderr

@@ -49,10 +49,11 @@ def robot_class() -> type[Any]:
     class Replayer(LupinNode):
         """Publishes odometry and scans of a log up to `end`, and subscribes to what a console does."""
 
-        def __init__(self, log: Log) -> None:
+        def __init__(self, log: Log, roll: float) -> None:
             super().__init__("replayer")
             self.log, self.at, self.end = log, 0, 0
-            self.frame, self.shift_ns = graph.LASER_FRAME, 0
+            self.is_hanging = roll == math.pi
+            self.frame, self.shift_ns, self.is_ragged = graph.LASER_FRAME, 0, False
             self.maps: list[OccupancyGrid] = []
             self.poses: list[PoseWithCovarianceStamped] = []
             self._tf = TransformBroadcaster(self)
@@ -60,7 +61,8 @@ def robot_class() -> type[Any]:
             self.tree = TransformListener(self).tree
             self.subscription(graph.MAP, self.maps.append)
             self.subscription(graph.AMCL_POSE, self.poses.append)
-            self._tf.send_static(to_message(graph.BASE_FRAME, graph.LASER_FRAME, 0, transform(MOUNT)))
+            rolled = Transform(rotation=(math.sin(roll / 2.0), 0.0, 0.0, math.cos(roll / 2.0)))
+            self._tf.send_static(to_message(graph.BASE_FRAME, f"/{graph.LASER_FRAME}", 0, transform(MOUNT) @ rolled))
             self.create_timer(0.01, self._step)
 
         def _step(self) -> None:
@@ -74,6 +76,12 @@ def robot_class() -> type[Any]:
             message.angle_min = float(self.log.angles[0]) - MOUNT.yaw
             message.header.stamp, message.header.frame_id = stamp_from_ns(stamp), self.frame
             message.ranges = array("f", self.log.ranges[k].astype(np.float32).tobytes())
+            if self.is_hanging:
+                message.angle_min = MOUNT.yaw - float(self.log.angles[-1])
+                message.ranges = message.ranges[::-1]
+                message.range_max = 0.0  # as a driver that states no limit
+            if self.is_ragged:
+                message.ranges = message.ranges[: 0 if k % 11 == 5 else len(message.ranges) - k % 4]
             self._scan.publish(message)
 
         def odom(self, k: int) -> Pose2:
@@ -104,9 +112,15 @@ def robot(graph_host: GraphHost, greenhouse_log: Log) -> Any:
     return replay(graph_host, greenhouse_log)
 
 
-def replay(graph_host: GraphHost, log: Log) -> Any:
+@pytest.fixture
+def hanging_robot(graph_host: GraphHost, greenhouse_log: Log) -> Any:
+    """A robot whose lidar hangs upside down."""
+    return replay(graph_host, greenhouse_log, math.pi)
+
+
+def replay(graph_host: GraphHost, log: Log, roll: float = 0.0) -> Any:
     """Return a robot that replays a log; `play(to)` waits until it has published that scan."""
-    replayer = graph_host.add(robot_class()(log))
+    replayer = graph_host.add(robot_class()(log, roll))
 
     def play(to: int) -> None:
         replayer.end = to
@@ -166,6 +180,26 @@ def test_drive_gives_a_map_and_a_true_transform(graph_host: GraphHost, robot: An
     listener.subscription(graph.MAP, late.append)
     graph_host.add(listener)
     graph_host.until(lambda: late, 0.45, "the latched map, before the next one")
+
+
+def test_lidar_that_hangs_upside_down_gives_a_true_map(graph_host: GraphHost, hanging_robot: Any) -> None:
+    """With a leading slash in the scans' frame, some scans empty, and others of varying counts."""
+    mapper(graph_host, hanging_robot, {"map_update_interval": 0.5, "transform_publish_period": 0.02})
+    hanging_robot.frame, hanging_robot.is_ragged = f"/{graph.LASER_FRAME}", True
+    hanging_robot.play(150)
+    graph_host.until(lambda: hanging_robot.error_m() < 0.05, what="a true pose")
+    message = graph_host.until(lambda: hanging_robot.maps and hanging_robot.maps[-1], what="a map")
+    cells = np.frombuffer(message.data, np.int8).reshape(message.info.height, message.info.width)
+    column, row = (np.array([-0.5, -0.35]) - [message.info.origin.position.x, message.info.origin.position.y]) / 0.05
+    assert cells[int(row), int(column)] == 0
+    assert message.info.origin.position.x == pytest.approx(-1.0, abs=0.15)
+
+
+def test_tilted_lidar_maps_nothing(graph_host: GraphHost, greenhouse_log: Log) -> None:
+    tilted = replay(graph_host, greenhouse_log, math.radians(30.0))
+    mapper(graph_host, tilted, {"map_update_interval": 0.1})
+    tilted.play(30)
+    assert tilted.map_from_odom() is None and not tilted.maps
 
 
 @pytest.mark.usefixtures("slam")
@@ -367,6 +401,17 @@ def test_amcl_finds_the_robot_and_covers_its_error(graph_host: GraphHost, robot:
     error[2] = (error[2] + math.pi) % (2 * math.pi) - math.pi
     assert error @ np.linalg.solve(covariance, error) < 16.3  # 99.9 % of chi-squared with three degrees of freedom
     assert robot.tree.newest_ns(graph.MAP_FRAME, graph.ODOM_FRAME) >= stamp + 900_000_000
+
+
+def test_amcl_knows_a_lidar_that_hangs_upside_down(graph_host: GraphHost, hanging_robot: Any, saved_map: Path) -> None:
+    from lupin_runtime.slam.node import AmclNode, MapServer
+
+    hanging_robot.frame, hanging_robot.is_ragged = f"/{graph.LASER_FRAME}", True
+    graph_host.add(MapServer({"yaml_filename": str(saved_map)}))
+    graph_host.add(AmclNode({"initial_pose.x": 0.2, "initial_pose.y": -0.15, "initial_pose.yaw": 0.1}))
+    graph_host.until(lambda: hanging_robot.maps and hanging_robot.count_subscribers(graph.SCAN.name))
+    hanging_robot.play(200)
+    graph_host.until(lambda: hanging_robot.error_m() < 0.06, what="a true pose")
 
 
 def test_initial_pose_is_accepted_in_the_map_frame_only(graph_host: GraphHost, robot: Any, saved_map: Path) -> None:
