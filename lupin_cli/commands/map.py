@@ -136,7 +136,7 @@ def optimize(
 
     from lupin_runtime.atomic_file import MalformedFile
     from lupin_runtime.slam.g2o import read_g2o, write_g2o
-    from lupin_runtime.slam.pose_graph import GraphError, parts_of
+    from lupin_runtime.slam.pose_graph import GraphError, Undetermined, parts_of
     from lupin_runtime.slam.pose_graph import optimize as solve
 
     if not is_file(graph):
@@ -146,7 +146,11 @@ def optimize(
         read = read_g2o(graph)
         with work_progress() as show:
             show(f"optimizing {len(read.poses)} poses", None)
-            solution = solve(read.poses, read.edges, read.fixed)
+            try:
+                solution = solve(read.poses, read.edges, read.fixed)
+            except Undetermined as error:
+                problem = f"the edges do not determine vertex {read.ids[error.vertex]}: its {error.free} is free; "
+                raise GraphError(f"{graph}: {problem}add an edge with information on it, or FIX it") from error
         if out is not None:
             write_g2o(out, replace(read, poses=solution.poses))
     except (MalformedFile, GraphError) as error:

@@ -1,8 +1,9 @@
-"""Pose graphs as g2o text: VERTEX_SE2, EDGE_SE2, FIX; TORO's VERTEX2 and EDGE2 are read too."""
+"""Pose graphs as g2o text: VERTEX_SE2, EDGE_SE2, FIX; TORO's VERTEX2 and EDGE2 are read too. See docs/formats.md."""
 
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.bounded_file import open_regular
-from lupin_runtime.slam.pose_graph import Edges, tree_guess
+from lupin_runtime.cpp_number import parse_number
+from lupin_runtime.slam.pose_graph import NOT_SEMIDEFINITE, SINGULAR, Edges, scaled_eigenvalue, tree_guess
 
 # Positions of an information matrix's six numbers in its upper triangle: g2o writes rows, TORO its own order.
 _ROW_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -61,8 +63,8 @@ class _Reader:
         matrix = np.zeros((3, 3))
         for value, (row, column) in zip(_finite(fields[5:11]), order):
             matrix[row, column] = matrix[column, row] = value
-        if np.linalg.eigvalsh(matrix)[0] <= 0.0:
-            raise ValueError("the information matrix is not positive definite")
+        if scaled_eigenvalue(matrix) < -SINGULAR:
+            raise ValueError(f"the information matrix is {NOT_SEMIDEFINITE}")
         self.joins.append((_number(fields[0]), _number(fields[1])))
         self.motions.append(_finite(fields[2:5]))
         self.information.append(matrix.ravel().tolist())
@@ -82,12 +84,27 @@ _TAGS: dict[str, Callable[[_Reader, list[str]], None]] = {
 }
 
 
+# Tags of graphs that have more than poses in the plane, with what they are.
+_OTHER_GRAPHS = (
+    (re.compile(r"VERTEX_XY|EDGE_SE2_XY.*|EDGE_SE2_POINTXY.*|EDGE_BEARING_SE2_XY|LANDMARK.*"), "a landmark or an edge to one"),
+    (re.compile(r"(VERTEX|EDGE)(_SE3|3|_TRACKXYZ|_PROJECT).*"), "of a 3-D graph"),
+    (re.compile(r"EDGE_(SE2_)?PRIOR.*"), "a prior of a single pose"),
+)
+
+
+def _unreadable(tag: str) -> str:
+    kind = next((f", {meaning}" for tags, meaning in _OTHER_GRAPHS if tags.fullmatch(tag)), "")
+    return f"expected one of {', '.join(_TAGS)}, found {tag!r}{kind}: only poses in the plane and edges between them are read"
+
+
 def _expect(fields: list[str], count: int, meaning: str) -> None:
-    if len(fields) != count:
+    if len(fields) < count:  # g2o passes over what follows on the line
         raise ValueError(f"expected {count} fields ({meaning}), found {len(fields)}")
 
 
 def _number(field: str) -> int:
+    if not re.fullmatch(r"[+-]?\d{1,30}", field, re.ASCII):
+        raise ValueError(f"expected a vertex id, which is a whole number, found {field!r}")
     number = int(field)
     if not -_MAX_ID <= number <= _MAX_ID:
         raise ValueError(f"{number} is not a vertex id: expected at most {_MAX_ID}")
@@ -95,7 +112,16 @@ def _number(field: str) -> int:
 
 
 def _finite(fields: list[str]) -> list[float]:
-    values = [float(field) for field in fields]
+    values = []
+    for field in fields:
+        if (value := parse_number(field)) is None:
+            if parse_number(field.replace(",", ".")) is not None:
+                raise ValueError(
+                    f"decimal commas: expected {field.replace(',', '.')}, found {field}; save the graph with LC_NUMERIC=C, "
+                    "or replace the commas by points"
+                )
+            raise ValueError(f"expected a number, found {field!r}")
+        values.append(value)
     if not (np.isfinite(values).all() and max(map(abs, values)) <= _MAX_NUMBER):
         raise ValueError(f"expected finite numbers up to {_MAX_NUMBER:g}, found {' '.join(fields)}")
     return values
@@ -114,7 +140,7 @@ def read_g2o(path: Path) -> GraphFile:
                 continue
             take = _TAGS.get(fields[0])
             if take is None:
-                raise MalformedFile(path, reader.line, f"expected one of {', '.join(_TAGS)}, found {fields[0]!r}")
+                raise MalformedFile(path, reader.line, _unreadable(fields[0]))
             try:
                 take(reader, fields[1:])
             except ValueError as error:

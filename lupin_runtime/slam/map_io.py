@@ -7,7 +7,6 @@ would let a wall or an erased part become floor, the safer value is taken: see d
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.bounded_file import expand_home, read_bounded_text
+from lupin_runtime.cpp_number import parse_number
 from lupin_runtime.gridmap import OCCUPIED, UNKNOWN, GridMap
 from lupin_runtime.slam.map_image import WHITE, MapImage, read_map_image
 from lupin_runtime.yaml_text import compose_yaml
@@ -27,9 +27,6 @@ MODES = ("trinary", "scale", "raw")
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 _PIXEL_OCCUPIED, _PIXEL_FREE, _PIXEL_UNKNOWN = 0, 254, 205
 _MAX_ORIGIN_M = 1e6
-# A number as a C++ stream takes it: neither 1_000 nor 1:30 nor 0x10.
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
-_NAN = (".nan", "nan")
 _NEGATE = {name: value for value in (0, 1) for name in (str(value), ("n", "y")[value], ("no", "yes")[value])}
 _NEGATE |= {"false": 0, "true": 1, "off": 0, "on": 1}
 
@@ -267,10 +264,10 @@ class _Fields:
 
     def _number(self, key: str, name: str, node: yaml.Node) -> float | None:
         """Return the number of a node, None if it is none. Raises MalformedFile for NaN."""
-        text = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
-        if text.lower().lstrip("+-") in _NAN:
+        value = parse_number(str(node.value)) if isinstance(node, yaml.ScalarNode) else None
+        if value is not None and math.isnan(value):
             raise self._refuse(key, f"the {name} is NaN: whatever wrote this file had no value for it; write a number")
-        return float(text) if _NUMBER.fullmatch(text) else None
+        return value
 
 
 def _shown(node: yaml.Node) -> str:

@@ -109,7 +109,8 @@ class BlockPattern:
             right[:, column] += np.bincount(self._head + 1, head_rhs[:, column], self.size + 1)
         if damping > 0.0:
             within = np.arange(k)
-            diagonal[:, within, within] *= 1.0 + damping
+            present = diagonal[:, within, within]  # a zero has zeros in its whole row: any damping makes it definite
+            diagonal[:, within, within] = np.where(present == 0.0, damping, present * (1.0 + damping))
         low, scratch = np.empty((len(self._low_rows), k, k)), np.empty((self.size, k, k))
         if not _library.block_factor(
             self.size, k, self._starts, self._rows, upper, diagonal, self._parent, self._columns, self._low_rows, low,

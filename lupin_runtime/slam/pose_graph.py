@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.sparse.linalg import splu
 
 from lupin_runtime.slam.normal_equations import BlockPattern, Indefinite, adjacency
 from lupin_runtime.slam.se2 import wrap
@@ -21,8 +23,28 @@ Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
 
+SINGULAR = 1e-9  # an information matrix whose scaled eigenvalue is at most this says nothing of some direction
+NOT_SEMIDEFINITE = "neither positive definite nor semidefinite"
+
+
 class GraphError(ValueError):
-    """An invalid graph: an edge without its vertex, or an information matrix that is not positive definite."""
+    """An invalid graph: an edge without its vertex, or an information matrix with a negative eigenvalue."""
+
+
+class Undetermined(GraphError):
+    """A vertex of whose place or angle no edges say anything; `vertex` is its index, `free` what is free."""
+
+    def __init__(self, vertex: int, free: str) -> None:
+        self.vertex, self.free = vertex, free
+        super().__init__(f"the edges do not determine vertex {vertex}: its {free} is free")
+
+
+def scaled_eigenvalue(information: Array) -> Array:
+    """Return the least eigenvalue of matrices (..., 3, 3) that are scaled to ones on their diagonals: meters and radians do
+    not compare. A zero on the diagonal stays."""
+    diagonal = np.diagonal(information, axis1=-2, axis2=-1)
+    root = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return np.asarray(np.linalg.eigvalsh(information / (root[..., :, None] * root[..., None, :]))[..., 0])
 
 
 @dataclass(frozen=True)
@@ -49,8 +71,8 @@ class Edges:
             raise GraphError(f"edge {loops[0]} joins vertex {self.tail[loops[0]]} with itself")
         if not (np.isfinite(self.motion).all() and np.isfinite(self.information).all()):
             raise GraphError("a measurement or an information matrix is not finite")
-        if (bad := np.flatnonzero(np.linalg.eigvalsh(self.information)[:, 0] <= 0.0)).size:
-            raise GraphError(f"the information matrix of edge {bad[0]} is not positive definite")
+        if (bad := np.flatnonzero(scaled_eigenvalue(self.information) < -SINGULAR)).size:
+            raise GraphError(f"the information matrix of edge {bad[0]} is {NOT_SEMIDEFINITE}")
 
 
 @dataclass(frozen=True)
@@ -130,14 +152,19 @@ def tree_guess(poses: int, edges: Edges, fixed: Index | None = None) -> Array:
     """Compute poses (N, 3) from the edges alone: along a breadth-first spanning tree of every part, from its first `fixed` or
     first vertex, which is at the origin. The errors of few edges add up on its short paths.
 
+    Edges that say something of every direction come first.
     As g2o initializes graphs without vertices: Kuemmerle et al., "g2o: a general framework for graph optimization", ICRA 2011.
     """
     result = np.zeros((poses, 3))
     edge_between: dict[tuple[int, int], tuple[int, bool]] = {}
-    for index, (tail, head) in enumerate(zip(edges.tail.tolist(), edges.head.tolist())):
+    definite = scaled_eigenvalue(edges.information) > SINGULAR
+    for index in [*np.flatnonzero(definite).tolist(), *np.flatnonzero(~definite).tolist()]:
+        tail, head = int(edges.tail[index]), int(edges.head[index])
         edge_between.setdefault((tail, head), (index, True))
         edge_between.setdefault((head, tail), (index, False))
     graph = adjacency(poses, edges.tail, edges.head)
+    if not definite.all():
+        graph = minimum_spanning_tree(_cost_of_edges(poses, edges, definite))
     held = np.zeros(poses, dtype=bool) if fixed is None else np.isin(np.arange(poses), fixed)
     for part in parts_of(poses, edges):
         root = part[held[part]][0] if held[part].any() else part[0]
@@ -154,6 +181,66 @@ def tree_guess(poses: int, edges: Edges, fixed: Index | None = None) -> Array:
     return result
 
 
+def _cost_of_edges(poses: int, edges: Edges, definite: NDArray[np.bool_]) -> csr_matrix:
+    """An (N, N) matrix with the cost of a step along the edges: a tree takes an indefinite one only where it must."""
+    best: dict[tuple[int, int], float] = {}
+    for tail, head, good in zip(edges.tail.tolist(), edges.head.tolist(), definite.tolist()):
+        pair = (min(tail, head), max(tail, head))
+        best[pair] = min(best.get(pair, np.inf), 1.0 if good else 2.0)
+    ends = np.array(list(best), dtype=np.int64).reshape(-1, 2)
+    return csr_matrix((np.array(list(best.values())), (ends[:, 0], ends[:, 1])), shape=(poses, poses))
+
+
+def find_undetermined(poses: Array, edges: Edges, held: NDArray[np.bool_]) -> tuple[int, str] | None:
+    """Return a vertex that the edges leave free at these poses, and whether its place or its angle is free; None if all are
+    determined.
+
+    Vertices that definite edges join move as one rigid body. The other edges must hold all bodies without a held vertex: their
+    cost over the bodies' motions has a null vector if not, which inverse iteration finds.
+    """
+    definite = scaled_eigenvalue(edges.information) > SINGULAR
+    if definite.all():
+        return None
+    _, body = connected_components(adjacency(len(poses), edges.tail[definite], edges.head[definite]), directed=False)
+    loose_bodies, first = np.unique(body, return_index=True)
+    is_loose = ~np.isin(loose_bodies, body[held])
+    loose_bodies, first = loose_bodies[is_loose], first[is_loose]
+    if not len(loose_bodies):
+        return None
+    column = np.full(body.max() + 1, -1, dtype=np.int64)
+    column[loose_bodies] = np.arange(len(loose_bodies))
+    pivot = np.zeros((body.max() + 1, 2))
+    pivot[loose_bodies] = poses[first, :2]
+    values, vectors = np.linalg.eigh(edges.information)
+    root = np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.transpose(0, 2, 1)
+    rows, columns, entries = [], [], []
+    for ends, jacobian in zip((edges.tail, edges.head), _jacobians(poses, edges)):
+        used = np.flatnonzero(~definite & (column[body[ends]] >= 0))
+        ends = ends[used]
+        arm = poses[ends, :2] - pivot[body[ends]]
+        motion = np.broadcast_to(np.eye(3), (len(used), 3, 3)).copy()
+        motion[:, 0, 2], motion[:, 1, 2] = -arm[:, 1], arm[:, 0]
+        block = root[used] @ jacobian[used] @ motion
+        at = np.broadcast_to(np.arange(3), block.shape)
+        rows.append((3 * used[:, None, None] + at.transpose(0, 2, 1)).ravel())
+        columns.append((3 * column[body[ends]][:, None, None] + at).ravel())
+        entries.append(block.ravel())
+    shape = (3 * len(edges), 3 * len(loose_bodies))
+    jacobian = csr_matrix((np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    scale = np.sqrt(np.asarray(jacobian.multiply(jacobian).sum(axis=0)).ravel())
+    scaled = jacobian @ diags(1.0 / np.where(scale > 0.0, scale, 1.0))
+    normal = (scaled.T @ scaled).tocsc()
+    factor = splu(normal + 1e-13 * diags(np.ones(shape[1]), format="csc"))
+    null = np.random.default_rng(0).normal(size=shape[1])
+    for _ in range(4):
+        null = factor.solve(null)
+        null /= np.linalg.norm(null)
+    if float(null @ (normal @ null)) > 1e-12:
+        return None
+    most = int(np.argmax(np.abs(null)))
+    return int(first[most // 3]), "angle" if most % 3 == 2 else "place"
+
+
 def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: BlockPattern | None = None) -> Array:
     """Compute an initial guess: chordal rotations, then translations, both by linear least squares.
 
@@ -165,7 +252,9 @@ def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: B
         return poses.copy()
     pattern = pattern or BlockPattern(len(poses), edges.tail, edges.head, held)
     # z_head = z_tail * exp(i yaw), weighted with the yaw's information; a complex number is a pair of reals.
-    weight = edges.information[:, 2, 2][:, None, None]
+    # An edge without information on the angle counts a little: where no other does, its measurement is better than nothing.
+    turns_weight = edges.information[:, 2, 2]
+    weight = np.maximum(turns_weight, 1e-9 * turns_weight.max(initial=1e-9))[:, None, None]
     step = _rotations(edges.motion[:, 2])
     known = np.where(held[:, None], np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1), 0.0)
     identity = np.broadcast_to(np.eye(2), step.shape) * weight
@@ -183,7 +272,10 @@ def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: B
     rotation = _rotations(result[edges.tail, 2])
     offset = np.einsum("eij,ej->ei", rotation, edges.motion[:, :2])
     turn = np.matmul(rotation, step)
-    metric = np.einsum("eij,ejk,elk->eil", turn, edges.information[:, :2, :2], turn)
+    place_information = edges.information[:, :2, :2].copy()
+    vague = scaled_eigenvalue(edges.information) <= SINGULAR
+    place_information[vague] += 1e-9 * place_information.max(initial=1e-9) * np.eye(2)
+    metric = np.einsum("eij,ejk,elk->eil", turn, place_information, turn)
     place = np.where(held[:, None], poses[:, :2], 0.0)
     pull = np.einsum("eij,ej->ei", metric, offset + place[edges.tail] - place[edges.head])
     result[free, :2] = pattern.solve(metric, -metric, metric, -pull, pull)[free]
@@ -233,7 +325,7 @@ def optimize(
 
     Starts from the better of the guess and `linear_guess`, so that a poor guess does no harm; `trust_guess` skips the
     comparison. `robust` (E,) marks edges under a Cauchy kernel of `robust_scale` sigma: closures that may be wrong.
-    Raises GraphError.
+    Raises GraphError, Undetermined where semidefinite edges leave a vertex free.
     """
     started = time.perf_counter()
     limits = limits or Limits()
@@ -294,4 +386,6 @@ def optimize(
         steps += 1
         if time.perf_counter() - started > limits.budget_s:
             break
+    if (undetermined := find_undetermined(poses, edges, held)) is not None:
+        raise Undetermined(*undetermined)
     return Solution(poses, chi2_before, float(chi2.sum()), steps, converged, start, time.perf_counter() - started)

@@ -184,6 +184,17 @@ def test_graph_with_edges_alone_gets_its_poses_from_them(tmp_path: Path) -> None
     np.testing.assert_allclose(read.poses, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["LF", "CRLF", "CR"])
+def test_graph_is_read_as_g2o_reads_it(tmp_path: Path, end: str) -> None:
+    """Any line end and white space; what follows the last field is passed over; exponents; semidefinite matrices."""
+    lines = ["# saved elsewhere", "", "VERTEX_SE2\t0 0 0 0 1234.5", "VERTEX_SE2 1 1e0 +.5 -0. # here", "FIX 0"]
+    lines += ["EDGE_SE2 0 1 1 5e-1 0 100 0 0 100 0 0 extra"]
+    (tmp_path / "g").write_bytes(end.join(lines).encode())
+    read = read_g2o(tmp_path / "g")
+    np.testing.assert_array_equal(read.poses, [[0, 0, 0], [1, 0.5, 0]])
+    np.testing.assert_array_equal(read.edges.information[0], np.diag([100, 100, 0]))
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -194,6 +205,15 @@ def test_graph_with_edges_alone_gets_its_poses_from_them(tmp_path: Path) -> None
         ("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 0 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 -1 0 1\n", r":3: EDGE_SE2: .*positive definite"),
         ("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 0 1 0 0 1 0 0 1 0 1\n", r":2: the edge joins vertex 0 with itself"),
         ("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", r":1: expected one of VERTEX_SE2"),
+        ("VERTEX_SE2 0 0,5 0,0 0,0\r\n", r":1: VERTEX_SE2: decimal commas: expected 0.5, found 0,5; save"),
+        ("VERTEX_SE2 0 1_0 0 0\n", r":1: VERTEX_SE2: expected a number, found '1_0'"),
+        ("VERTEX_SE2 0 0x1 0 0\n", r":1: VERTEX_SE2: expected a number, found '0x1'"),
+        ("VERTEX_SE2 0 -inf 0 0\n", r":1: VERTEX_SE2: expected finite"),
+        ("VERTEX_SE2 0.0 0 0 0\n", r":1: VERTEX_SE2: expected a vertex id, which is a whole number, found '0.0'"),
+        ("VERTEX_SE2 0 0 0 0\nVERTEX_XY 1 2 3\n", r":2: expected one of .*, found 'VERTEX_XY', a landmark or an edge to one"),
+        ("VERTEX_SE2 0 0 0 0\nEDGE_SE2_XY 0 1 1 1 5 0 5\n", r":2: .*found 'EDGE_SE2_XY', a landmark or an edge to one"),
+        ("EDGE_SE3:QUAT 0 1 0 0 0 0 0 0 1\n", r":1: .*found 'EDGE_SE3:QUAT', of a 3-D graph"),
+        ("EDGE_PRIOR_SE2 0 0 0 0 1 0 0 1 0 1\n", r":1: .*found 'EDGE_PRIOR_SE2', a prior of a single pose"),
         ("# nothing\n", r"neither a VERTEX_SE2 nor an EDGE_SE2 line"),
         ("EDGE_SE2 0 5 1 0 0 1 0 0 1 0 1\nFIX 4\n", r":2: FIX names vertex 4, which no edge names"),
         ("VERTEX_SE2 0 0 0 0\nFIX 4\n", r":2: FIX names vertex 4"),

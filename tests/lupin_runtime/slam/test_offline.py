@@ -273,3 +273,14 @@ def test_corrupt_session_is_refused(greenhouse_log: Log, tmp_path: Path, spoil: 
     path.write_bytes(spoil(path.read_bytes()))
     with pytest.raises(MalformedFile, match=r"s\.posegraph"):
         load_session(path)
+
+
+def test_vertex_that_a_graph_leaves_free_is_named_by_its_id(tmp_path: Path) -> None:
+    file = tmp_path / "g.g2o"
+    file.write_text("EDGE_SE2 10 20 1 0 0 1 0 0 1 0 1\nEDGE_SE2 20 30 1 0 0 1 0 0 1 0 0\n")
+    result = CliRunner().invoke(app, ["optimize", str(file)])
+    assert result.exit_code == 1
+    assert f"{file}: the edges do not determine vertex 30: its angle is free; add an edge" in result.stderr
+    file.write_text(file.read_text() + "EDGE_SE2 10 30 9 9 0.2 0 0 0 0 0 5\n")
+    result = CliRunner().invoke(app, ["optimize", str(file), "--json"])
+    assert (result.exit_code, json.loads(result.stdout)["chi2"]) == (0, pytest.approx(0.0, abs=1e-12))

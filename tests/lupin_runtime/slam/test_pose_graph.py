@@ -15,8 +15,10 @@ from lupin_runtime.slam.normal_equations import BlockPattern, Indefinite
 from lupin_runtime.slam.pose_graph import (
     Edges,
     GraphError,
+    Undetermined,
     anchors_of,
     edge_chi2,
+    find_undetermined,
     linear_guess,
     optimize,
     parts_of,
@@ -59,7 +61,8 @@ def odometry(edges: Edges, poses: int) -> np.ndarray:
 
 def general_optimum(start: np.ndarray, edges: Edges) -> float:
     """Return the lowest cost that a general solver finds from `start`, with its first pose fixed."""
-    roots = np.linalg.cholesky(edges.information).transpose(0, 2, 1)
+    values, vectors = np.linalg.eigh(edges.information)  # they may be semidefinite
+    roots = np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.transpose(0, 2, 1)
 
     def cost(free: np.ndarray) -> np.ndarray:
         poses = np.vstack((start[0], free.reshape(-1, 3)))
@@ -110,6 +113,71 @@ def test_correlated_information_matrix_is_used_in_full() -> None:
     information = root @ root.transpose(0, 2, 1) + np.eye(3)
     edges = Edges(edges.tail, edges.head, edges.motion, information)
     assert optimize(odometry(edges, 25), edges).chi2_after == pytest.approx(general_optimum(truth, edges), rel=1e-6)
+
+
+VAGUE = {
+    "no angle": np.diag([400.0, 400.0, 0.0]),
+    "no place": np.diag([0.0, 0.0, 2500.0]),
+    "along only": np.diag([400.0, 0.0, 0.0]),
+    "nothing": np.zeros((3, 3)),
+    "one direction": np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]) * 100.0,
+}
+
+
+@pytest.mark.parametrize("vague", VAGUE.values(), ids=VAGUE)
+@pytest.mark.parametrize("seed", range(3))
+def test_semidefinite_closures_reach_the_general_optimum(seed: int, vague: np.ndarray) -> None:
+    """The chain of definite edges determines the graph; every closure is semidefinite."""
+    truth, edges = random_graph(seed, 30, 12)
+    information = edges.information.copy()
+    information[29:] = vague
+    edges = Edges(edges.tail, edges.head, edges.motion, information)
+    solution = optimize(odometry(edges, 30), edges)
+    assert solution.converged
+    assert solution.chi2_after == pytest.approx(general_optimum(truth, edges), rel=1e-6, abs=1e-6)
+
+
+def test_position_edges_alone_determine_a_graph_with_enough_of_them() -> None:
+    """A robot that three fixed poses place: each edge says where it is, none how it is turned."""
+    places = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 3.0, 2.0], [1.0, 1.0, 0.7]])
+    tail, head = np.array([3, 3, 3]), np.array([0, 1, 2])
+    vague = np.broadcast_to(VAGUE["no angle"], (3, 3, 3))
+    edges = Edges(tail, head, relative_pose(places[tail], places[head]) * [1.0, 1.0, 0.0], vague)
+    for guess in (places, places * [1.0, 1.0, 0.0], np.vstack((places[:3], np.zeros(3)))):
+        solution = optimize(guess, edges, fixed=np.array([0, 1, 2]))
+        assert solution.chi2_after < 1e-9
+        np.testing.assert_allclose(solution.poses[3], places[3], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("vague", "free"), [("no angle", "angle"), ("no place", "place"), ("along only", "place|angle"), ("nothing", "place|angle")]
+)
+def test_vertex_that_edges_leave_free_is_named(vague: str, free: str) -> None:
+    truth, edges = random_graph(4, 20, 0)
+    information = edges.information.copy()
+    information[13] = VAGUE[vague]
+    with pytest.raises(Undetermined, match=rf"vertex 14: its ({free}) is free"):
+        optimize(truth, Edges(edges.tail, edges.head, edges.motion, information))
+
+
+def test_thousand_semidefinite_edges_are_judged_by_their_rank() -> None:
+    """Each pose has one edge on its place and one on its angle, both semidefinite: together they determine it."""
+    truth, edges = random_graph(2, 1000, 0)
+    information = np.concatenate((edges.information * [[1, 1, 0]], edges.information * [[0, 0, 1]]))
+    both = Edges(np.tile(edges.tail, 2), np.tile(edges.head, 2), np.tile(edges.motion, (2, 1)), information)
+    held = anchors_of(1000, both)
+    assert find_undetermined(truth, both, held) is None
+    information[999 + 700] = 0.0
+    found = find_undetermined(truth, both, held)
+    assert found is not None and found[0] > 700
+
+
+def test_spanning_tree_avoids_edges_that_say_nothing() -> None:
+    truth, edges = random_graph(8, 40, 25)
+    motion, information = relative_pose(truth[edges.tail], truth[edges.head]), edges.information.copy()
+    motion[39:], information[39:] = [9.0, -9.0, 1.0], 0.0
+    found = tree_guess(40, Edges(edges.tail, edges.head, motion, information))
+    np.testing.assert_allclose(found[:, :2], truth[:, :2], atol=1e-9)
 
 
 def test_fixed_vertices_do_not_move() -> None:
