@@ -20,6 +20,7 @@ WHITE = 65535
 _MAX_DIGITS = 9
 _CHANNELS = {b"P2": 1, b"P5": 1, b"P3": 3, b"P6": 3}
 _PLAIN = (b"P2", b"P3")
+_TEXT_HEADERS = (".pgm", ".ppm", ".pnm")
 _PNG_GRAY = 0
 
 
@@ -95,9 +96,9 @@ def _read_encoded(path: Path, data: bytes) -> MapImage:
     import cv2
 
     if (size := image_size(data)) is None:
-        raise MalformedFile(
-            path, None, f"expected {IMAGE_FORMATS}, found {data[:4]!r} or a damaged header; convert it: magick IN OUT.pgm"
-        )
+        line = 1 if path.suffix.lower() in _TEXT_HEADERS else None
+        problem = f"expected {IMAGE_FORMATS}, found {data[:4]!r} or a damaged header; convert it: magick IN OUT.pgm"
+        raise MalformedFile(path, line, problem)
     _check_size(path, *size, MAX_PIXELS)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

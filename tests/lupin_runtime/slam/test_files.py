@@ -132,7 +132,7 @@ def test_malformed_map_yaml_is_refused_by_line(tmp_path: Path, old: str, new: st
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"GIF89a", r"m.pgm: expected PNG, .* found b'GIF8'.* convert it"),
+        (b"GIF89a", r"m.pgm:1: expected PNG, .* found b'GIF8'.* convert it"),
         (b"P5 3 3 255\n\0\0", r"expected 9 pixels, found 2"),
         (b"P5\n3 x 255\n", r"m.pgm:2: expected width"),
         (b"P5 0 3 255\n", r"are not a map"),

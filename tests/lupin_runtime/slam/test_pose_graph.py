@@ -137,7 +137,7 @@ def test_semidefinite_closures_reach_the_general_optimum(seed: int, vague: np.nd
     assert solution.chi2_after == pytest.approx(general_optimum(truth, edges), rel=1e-6, abs=1e-6)
 
 
-def test_position_edges_alone_determine_a_graph_with_enough_of_them() -> None:
+def test_enough_position_edges_alone_determine_a_graph() -> None:
     """A robot that three fixed poses place: each edge says where it is, none how it is turned."""
     places = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 3.0, 2.0], [1.0, 1.0, 0.7]])
     tail, head = np.array([3, 3, 3]), np.array([0, 1, 2])
