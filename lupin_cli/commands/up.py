@@ -18,6 +18,7 @@ from lupin_cli.completion import worlds
 from lupin_cli.exit_codes import USAGE_ERROR
 from lupin_cli.printed_commands import lupin, print_next
 from lupin_cli.terminal import echo, output_may_vanish, timed_progress
+from lupin_runtime.bounded_file import expand_home
 from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.ports import CONSOLE_PORT, FOXGLOVE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 
@@ -86,6 +87,7 @@ def command(
 
     Example: lupin up --mission --world random:7
     """
+    world = str(expand_home(world))
     if target not in DEFAULT_GOAL:
         raise typer.BadParameter(f"{target!r} is neither sim nor robot", param_hint="--target")
     if speed <= 0.0:

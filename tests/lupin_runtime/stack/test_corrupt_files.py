@@ -140,6 +140,16 @@ def test_valid_file_is_accepted(kind: Kind, tmp_path: Path) -> None:
     assert ("discovery-goal" in output and status == 2) or status == 0, output
 
 
+@pytest.mark.usefixtures("home")
+def test_tilde_behind_an_equals_sign_is_the_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    write_files(tmp_path, KINDS["map"], KINDS["map"].valid)
+    (tmp_path / "overrides.yaml").write_text(OVERRIDES)
+    write_files(tmp_path, KINDS["layout"], KINDS["layout"].valid)
+    result = CliRunner().invoke(app, ["up", "--world=~/own.json", "--map=~/map.yaml", "--overrides=~/overrides.yaml", *STOP])
+    assert "discovery-goal" in result.output + result.stderr
+
+
 @pytest.mark.parametrize(("name", "how"), CASES)
 def test_corrupt_file_is_refused_by_name_and_line_and_kept(name: str, how: str, tmp_path: Path, home: Path) -> None:
     kind, (content, has_line) = KINDS[name], CORRUPT[name][how]
