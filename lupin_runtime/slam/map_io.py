@@ -27,6 +27,7 @@ MODES = ("trinary", "scale", "raw")
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 _PIXEL_OCCUPIED, _PIXEL_FREE, _PIXEL_UNKNOWN = 0, 254, 205
 _MAX_ORIGIN_M = 1e6
+_SHOWN_ITEMS, _SHOWN_CHARACTERS = 6, 80  # of a refused value
 _NEGATE = {name: value for value in (0, 1) for name in (str(value), ("n", "y")[value], ("no", "yes")[value])}
 _NEGATE |= {"false": 0, "true": 1, "off": 0, "on": 1}
 
@@ -271,6 +272,11 @@ class _Fields:
 
 
 def _shown(node: yaml.Node) -> str:
+    """Return a value as text, one level deep: an alias may make a list a part of itself."""
     if isinstance(node, yaml.SequenceNode):
-        return f"[{', '.join(map(_shown, node.value))}]"
-    return repr(node.value) if isinstance(node, yaml.ScalarNode) else "a mapping"
+        return f"[{', '.join(_scalar(item) for item in node.value[:_SHOWN_ITEMS])}{', ...' * (len(node.value) > _SHOWN_ITEMS)}]"
+    return _scalar(node)
+
+
+def _scalar(node: yaml.Node) -> str:
+    return repr(node.value[:_SHOWN_CHARACTERS]) if isinstance(node, yaml.ScalarNode) else "a list or mapping"

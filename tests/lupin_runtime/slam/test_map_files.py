@@ -211,6 +211,8 @@ def test_numbers_are_those_of_a_cpp_stream(tmp_path: Path, text: str) -> None:
         ("origin", "[0.0, 0.0]", r"m.yaml:3: origin: expected 3 numbers \(x, y, yaw\), found \['0.0', '0.0'\]"),
         ("origin", "[0, 0, 0, 0]", r"m.yaml:3: origin: expected 3 numbers"),
         ("origin", "0", r"m.yaml:3: origin: expected 3 numbers"),
+        ("origin", "&list [*list, 0]", r"m.yaml:3: origin: expected 3 numbers .*, found \[a list or mapping, '0'\]"),
+        ("resolution", "&list [*list]", r"m.yaml:2: resolution: expected a number from .*, found \[a list or mapping\]"),
         ("negate", "maybe", r"m.yaml:4: negate: expected 0, 1 or a truth value, found 'maybe'"),
         ("mode", "binary", r"m.yaml:7: mode: expected one of trinary, scale, raw, found 'binary'"),
         ("occupied_thresh", "65", r"m.yaml:5: occupied_thresh: expected a number from 0 to 1"),
