@@ -89,7 +89,7 @@ async def _log(request: web.Request) -> web.StreamResponse:
 
 async def _commands(request: web.Request) -> web.StreamResponse:
     run = await chosen_run(request)
-    return web.json_response(await asyncio.to_thread(_last_commands, run.path / "console_commands.jsonl"))
+    return web.json_response(await asyncio.to_thread(last_commands, run.path / "console_commands.jsonl"))
 
 
 async def _map(request: web.Request) -> web.StreamResponse:
@@ -109,7 +109,8 @@ def _log_files(run: Run) -> dict[str, Path]:
     return {path.stem: path for path in run.logs.glob("*.log")}
 
 
-def _last_commands(path: Path) -> list[Any]:
+def last_commands(path: Path) -> list[Any]:
+    """Return the last rows of a command journal; empty if it cannot be read."""
     rows = []
     for line in _end_of(path).decode(errors="replace").splitlines()[-MAX_COMMANDS:]:
         try:
