@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from lupin_runtime import graph
+from lupin_runtime.console.console_events import ConsoleEvent, EventKind
 from lupin_runtime.console.interfaces import absolute
 
 LEASE_TIMEOUT_S = 5.0  # a holder that has been silent for this long loses the operator lease
@@ -52,11 +53,11 @@ class LeaseState:
 class Authority:
     """Decides which requests are allowed, and who holds the operator lease. Times are monotonic nanoseconds.
 
-    `log_change` is called with a line of text for every change of the lease. With `allow_unlisted`, for development and
+    `log_change` is called with every change of the lease, after the listeners. With `allow_unlisted`, for development and
     tests, everybody may also use topics, services and actions that the graph's table does not contain.
     """
 
-    def __init__(self, log_change: Callable[[str], None], *, allow_unlisted: bool = False) -> None:
+    def __init__(self, log_change: Callable[[ConsoleEvent], None], *, allow_unlisted: bool = False) -> None:
         self._log_change = log_change
         self._allow_unlisted = allow_unlisted
         self._topics = {row.name: row.console for row in graph.topics()}
@@ -98,8 +99,10 @@ class Authority:
         if self._holder is session:
             self._last_alive_ns = now_ns
             return
-        origin = f", taken from {self._holder.name}" if self._holder is not None else ""
-        self._grant(session, now_ns, f"{session.name} has control{origin}")
+        if self._holder is None:
+            self._grant(session, now_ns, ConsoleEvent(EventKind.CONTROL_TAKEN, session.name))
+        else:
+            self._grant(session, now_ns, ConsoleEvent(EventKind.CONTROL_TAKEN_OVER, session.name, self._holder.name))
 
     def check_take(self, session: Session, now_ns: int) -> None:
         """Check that a session has control or could take it, without taking it. Raises Refused."""
@@ -128,7 +131,7 @@ class Authority:
             raise Refused(f"{self._requester.name if self._requester else ''} is already asking for control; ask again later")
         if self._requester is None:
             self._requester, self._requested_ns = session, now_ns
-            self._notify(f"{session.name} asks {self._holder.name} for control")
+            self._notify(ConsoleEvent(EventKind.CONTROL_REQUESTED, session.name, self._holder.name))
         return False
 
     def answer(self, session: Session, grant: bool, now_ns: int) -> None:
@@ -143,49 +146,52 @@ class Authority:
         if requester is None:
             raise Refused("nobody is asking for control now")
         if grant:
-            self._grant(requester, now_ns, f"{session.name} handed control to {requester.name}")
+            self._grant(requester, now_ns, ConsoleEvent(EventKind.CONTROL_PASSED, session.name, requester.name))
         else:
             self._requester = None
-            self._notify(f"{session.name} kept control")
+            self._notify(ConsoleEvent(EventKind.CONTROL_KEPT, session.name, requester.name))
 
-    def give_up(self, session: Session, now_ns: int) -> None:
-        """Withdraw a session's own request, and end its lease if it holds it; the requester, if any, gets the lease."""
+    def give_up(self, session: Session, now_ns: int, *, left: bool = False) -> None:
+        """Withdraw a session's own request, and end its lease if it holds it; the requester, if any, gets the lease.
+
+        `left`: not by its own wish, but because its last connection was closed.
+        """
         if self._requester is session:
             self._requester = None
+            self._notify(ConsoleEvent(EventKind.CONTROL_REQUEST_WITHDRAWN, session.name))
         if self._holder is not session:
             return
         if self._requester is not None:
-            self._grant(
-                self._requester, now_ns, f"{session.name} gave up control, and {self._requester.name}, who had asked, has it"
-            )
+            requester = self._requester
+            self._grant(requester, now_ns, ConsoleEvent(EventKind.CONTROL_INHERITED, requester.name, session.name))
         else:
             self._holder = None
-            self._notify(f"{session.name} gave up control")
+            self._notify(ConsoleEvent(EventKind.CONTROL_LEFT if left else EventKind.CONTROL_GIVEN_UP, session.name))
 
     def note_alive(self, session: Session, now_ns: int) -> None:
         """Note a sign of life of a session, which keeps the lease if it holds it."""
         if self._holder is session:
             self._last_alive_ns = now_ns
 
-    def _grant(self, session: Session, now_ns: int, line: str) -> None:
+    def _grant(self, session: Session, now_ns: int, event: ConsoleEvent) -> None:
         self._holder, self._since_ns, self._last_alive_ns = session, now_ns, now_ns
         self._requester = None
-        self._notify(line)
+        self._notify(event)
 
     def _expire(self, now_ns: int) -> None:
         if self._holder is not None and now_ns - self._last_alive_ns > LEASE_TIMEOUT_S * 1e9:
-            line = f"{self._holder.name} lost control after {LEASE_TIMEOUT_S:g} s of silence"
+            event = ConsoleEvent(EventKind.CONTROL_EXPIRED, self._holder.name, self._requester.name if self._requester else "")
             self._holder = self._requester = None
-            self._notify(line)
+            self._notify(event)
         if self._requester is not None and now_ns - self._requested_ns > REQUEST_TIMEOUT_S * 1e9:
-            line = f"{self._requester.name} asked for control and got no answer within {REQUEST_TIMEOUT_S:g} s"
+            event = ConsoleEvent(EventKind.CONTROL_UNANSWERED, self._requester.name, self._holder.name if self._holder else "")
             self._requester = None
-            self._notify(line)
+            self._notify(event)
 
-    def _notify(self, line: str) -> None:
+    def _notify(self, event: ConsoleEvent) -> None:
         for listener in self._listeners:
             listener()  # one of them stops the wheels, which must not wait for a disk
-        self._log_change(line)
+        self._log_change(event)
 
     # -- requests -----------------------------------------------------------------------------------------------------
     def check_publish(self, session: Session, topic: str, now_ns: int) -> None:

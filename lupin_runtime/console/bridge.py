@@ -34,6 +34,7 @@ from lupin_runtime.console.motion_watch import MotionWatch
 from lupin_runtime.console.providers import ActionProvider, ServiceProvider
 from lupin_runtime.console.publisher_pool import PublisherPool
 from lupin_runtime.console.rosapi import RosApi
+from lupin_runtime.console.run_history import RunHistory
 from lupin_runtime.console.service_calls import TIMEOUT_S, ServiceCalls
 from lupin_runtime.console.stop_registry import StopRegistry
 from lupin_runtime.console.subscription import Request
@@ -87,10 +88,12 @@ class Bridge:
         distribution: str,
         unregister_after_s: float,
         record: Callable[..., None],
+        history: RunHistory,
     ) -> None:
-        """`record` has the signature of CommandJournal.record."""
+        """`record` has the signature of CommandJournal.record. `history` gets every change of a stop, once it was published."""
         self.authority = authority
         self.record = record
+        self.history = history
         authority.on_change(self._follow_control)
         self._node = node
         self._ros = RosThread(node)
@@ -146,10 +149,8 @@ class Bridge:
                 steps.callback(resources.goals.close)  # they move the robot
 
         self._ros.run(clean_up).add_done_callback(self._log_failure)
-        if was_driving:
-            self.record(client.session.name, "lost while driving")
         if not any(each.session is client.session for each in self._clients):
-            self.authority.give_up(client.session, now_ns)
+            self.authority.give_up(client.session, now_ns, left=True)
 
     def is_overloaded(self, client: Client) -> bool:
         """Return whether so many of a client's requests are waiting that nothing more should be read from it."""
@@ -315,27 +316,22 @@ class Bridge:
         """
         now_ns = time.monotonic_ns()
         held = self._stops.holds(client)
-        if held and not engaged:
-            self.record(client.session.name, "release")
-            if not press:
-                with suppress(Refused):
-                    self.authority.take(client.session, now_ns)
-                    self._releases += 1
-                    self._stops.release_lost()
+        if held and not engaged and not press:
+            with suppress(Refused):
+                self.authority.take(client.session, now_ns)
+                self._releases += 1
+                self._stops.release_lost(client.session.name)
         overruled_by = self._stops.set_stop(client, engaged, now_ns, press)
         holds = self._stops.holds(client)
         if holds != held:
             self.publish_combined_stop()
         self.authority.note_alive(client.session, now_ns)
-        if holds and not held:
-            self.record(client.session.name, "stop")
         return overruled_by
 
     def stop_for(self, session: Session, press: str = "") -> None:
         """Engage a stop for a session that has no connection to hold it; the session in control releases it."""
         self._stops.hold_for(session.name, time.monotonic_ns(), press)
         self.publish_combined_stop()
-        self.record(session.name, "stop")
 
     def release_for(self, session: Session, presses: Collection[str] | None = None) -> None:
         """Release the stops of these presses, whoever holds them: not a newer one, which the session has not seen yet.
@@ -347,7 +343,7 @@ class Bridge:
         self.record(session.name, "release")
         self._releases += 1
         if presses is None:
-            self._stops.release_lost()
+            self._stops.release_lost(session.name)
         else:
             self._stops.release(presses, session.name)
         self.publish_combined_stop()
@@ -405,6 +401,8 @@ class Bridge:
             "releases": self._releases,
         }
         self._stop_output.publish(String(data=json.dumps(statement)))
+        for event in self._stops.take_events():
+            self.history.note(event)
 
     def _maintain(self) -> None:
         self._estop.update()

@@ -14,9 +14,12 @@ from lupin_runtime.console.authority import Authority, Role
 from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
 from lupin_runtime.console.certificate import CertificateError, ServerCertificate
 from lupin_runtime.console.command_journal import CommandJournal
+from lupin_runtime.console.console_events import ConsoleEvent
 from lupin_runtime.console.description import ConsoleDescription, remove_description
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.publisher_pool import UNREGISTER_AFTER_S
+from lupin_runtime.console.run_files import last_commands
+from lupin_runtime.console.run_history import RunHistory
 from lupin_runtime.console.server import ConsoleServer
 from lupin_runtime.console.sessions import Sessions, sessions_file
 from lupin_runtime.mission.overrides import OVERRIDES_NAME
@@ -44,14 +47,17 @@ class Console(LupinNode):
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("lupin_console", parameters)
         logger = self.get_logger()
-        folder = Path(self.parameter("folder", "") or sessions_file().parent)
+        run_folder = self.parameter("folder", "")
+        folder = Path(run_folder or sessions_file().parent)
         make_state_folder(folder)
         self._journal = CommandJournal(folder / JOURNAL, logger.warning)
-        record = self._journal.record
+        # The events of an earlier console of this run. The folder of a console that belongs to no run has those of many days.
+        rows = last_commands(folder / JOURNAL) if run_folder else []
+        history = RunHistory(self, self._journal, rows)
 
-        def log_control_change(line: str) -> None:
-            logger.info(line)
-            record("control", line)
+        def log_control_change(event: ConsoleEvent) -> None:
+            logger.info(event.text)
+            history.note(event)
 
         authority = Authority(log_control_change, allow_unlisted=self.parameter("unlisted", False))
         bridge = Bridge(
@@ -59,7 +65,8 @@ class Console(LupinNode):
             authority,
             os.environ.get("ROS_DISTRO", "jazzy"),
             self.parameter("unregister_after_s", UNREGISTER_AFTER_S),
-            record,
+            self._journal.record,
+            history,
         )
         sessions = Sessions(Path(self.parameter("sessions_file", "") or sessions_file()))
         self._folder = folder

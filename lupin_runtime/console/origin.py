@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from pathlib import Path
@@ -19,7 +20,7 @@ from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console import run_files
 from lupin_runtime.console.api_table import SESSION, Resource, add_resources, json_object
 from lupin_runtime.console.approaches import Approaches
-from lupin_runtime.console.authority import Refused, Role, Session
+from lupin_runtime.console.authority import REQUEST_TIMEOUT_S, Refused, Role, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import Connection, Connections, Handoff
 from lupin_runtime.console.description import network_urls, serves_only_this_computer, spoken
@@ -134,6 +135,7 @@ class Origin:
         self._holder: str | None = None
         self._since_s = 0.0  # when the holder got control, in wall-clock time for browsers
         bridge.authority.on_change(self.push_state)
+        bridge.history.on_event(lambda event: self._events.push("event", event))
 
     def application(self) -> web.Application:
         """Return the aiohttp application with all routes."""
@@ -164,7 +166,7 @@ class Origin:
             Resource(
                 "/_api/events",
                 self._listen,
-                "Who is connected; changes of control, stop, run, doctor, locations, approaches, settings (WebSocket).",
+                "Who is connected; changes of control, stop, run, doctor, locations, approaches, settings; events (WebSocket).",
             ),
         )
         self._open_paths = {"/", _ROOT_CERTIFICATE_PATH, *(resource.path for resource in resources if resource.open)}
@@ -173,6 +175,7 @@ class Origin:
             (
                 *resources,
                 *run_files.resources(),
+                *self._bridge.history.resources(),
                 *self._rewind.resources(),
                 *self._approaches.resources(),
                 *self._maps.resources(),
@@ -198,6 +201,7 @@ class Origin:
         for connection, session in list(self._open.items()):
             if session is not LOCAL_SESSION and not self._sessions.is_valid(session):
                 del self._open[connection]
+                self._bridge.record(session.name, "pairing revoked")
                 reason = b"this browser is no longer paired"
                 task = asyncio.ensure_future(connection.close(WSCloseCode.POLICY_VIOLATION, reason, _CLOSE_TIMEOUT_S))
                 task.add_done_callback(lambda done: done.exception())
@@ -395,11 +399,15 @@ class Origin:
         return session is LOCAL_SESSION or self._sessions.is_valid(session)
 
     def _control(self) -> dict[str, Any]:
-        lease = self._bridge.authority.lease(time.monotonic_ns())
+        now_ns = time.monotonic_ns()
+        lease = self._bridge.authority.lease(now_ns)
         if lease.holder != self._holder:
             self._holder, self._since_s = lease.holder, time.time()
         since_s = round(self._since_s) if lease.holder is not None else None
-        return {"holder": lease.holder, "since_s": since_s, "requester": lease.requester}
+        left_s = None
+        if lease.requester is not None:
+            left_s = max(0, math.ceil(REQUEST_TIMEOUT_S - (now_ns - lease.requested_ns) / 1e9))
+        return {"holder": lease.holder, "since_s": since_s, "requester": lease.requester, "answer_within_s": left_s}
 
     def _browsers(self) -> list[dict[str, str]]:
         """Return who is connected to this port: each session once, by name."""

@@ -13,9 +13,12 @@ from __future__ import annotations
 
 import enum
 import uuid
+from collections import deque
 from collections.abc import Collection, Hashable
 from dataclasses import dataclass
 from typing import Any
+
+from lupin_runtime.console.console_events import ConsoleEvent, EventKind
 
 SILENCE_TIMEOUT_S = 1.5  # pages repeat the state of their stop twice a second
 # A page that has connected again first learns who has control, on a channel that it retries after 1.5 s, and then repeats its
@@ -25,6 +28,7 @@ DRIVING_S = 0.5  # a client counts as driving for this long after its last veloc
 PRESS_PREFIX = "press:"  # of the names that pages give their presses; other clients number their messages
 _MAX_PRESS = 100  # characters
 MAX_OVERRULED = 256  # presses that were released by others and may still be repeated
+_MAX_EVENTS = 1000  # that have not been taken yet
 
 
 class HoldKind(enum.Enum):
@@ -82,6 +86,12 @@ class StopRegistry:
         self._lost: dict[str, StopHold] = {}  # by client name: the stop that no client holds any more
         self._due_ns: dict[str, int] = {}  # by client name: until when one of its clients must repeat its state again
         self._overruled: dict[str, str] = {}  # by press: who has released it for somebody else
+        self._events: deque[ConsoleEvent] = deque(maxlen=_MAX_EVENTS)
+
+    def take_events(self) -> list[ConsoleEvent]:
+        """Return what has changed since the last call, the oldest first. To be called once the stop was published."""
+        events, self._events = list(self._events), deque(maxlen=_MAX_EVENTS)
+        return events
 
     def join(self, client: Hashable, name: str, now_ns: int) -> None:
         """Add a client. Others of this name must show again that they repeat their state: a page that has connected again after
@@ -107,12 +117,17 @@ class StopRegistry:
             stop.repeats = True
             self._due_ns.pop(stop.name, None)
         stop.heard_ns = now_ns
+        lost = self._lost.get(stop.name)
+        is_lost_press = press != "" and lost is not None and lost.press == press
         if not engaged:
+            if stop.hold is not None or is_lost_press:
+                self._events.append(ConsoleEvent(EventKind.STOP_WITHDRAWN, stop.name))
             stop.hold = None
-            lost = self._lost.get(stop.name)
-            if press and lost is not None and lost.press == press:
+            if is_lost_press:
                 del self._lost[stop.name]  # the same press, which reached the server in another way, too
         elif stop.hold is None or press not in ("", stop.hold.press):
+            if not is_lost_press:
+                self._events.append(ConsoleEvent(EventKind.STOP_PRESSED, stop.name))
             stop.hold = StopHold(press or _new_press(), stop.name, HoldKind.PRESSED, now_ns)
         return overruled_by
 
@@ -157,13 +172,16 @@ class StopRegistry:
         """Return whether a client's own stop is engaged."""
         return self._clients[client].hold is not None
 
-    def release_lost(self) -> None:
+    def release_lost(self, by: str) -> None:
         """Release all lost stops, those that no client holds any more."""
+        self._events.extend(ConsoleEvent(EventKind.STOP_RELEASED, by, hold.name) for hold in self._lost.values())
         self._lost.clear()
 
     def release(self, presses: Collection[str], by: str) -> None:
         """Release the stops of these presses, whoever holds them, for a session that has seen them."""
-        self._overruled |= {hold.press: by for hold in self.reasons() if hold.press in presses}
+        released = {hold.press: hold.name for hold in self.reasons() if hold.press in presses}
+        self._overruled |= dict.fromkeys(released, by)
+        self._events.extend(ConsoleEvent(EventKind.STOP_RELEASED, by, name) for name in released.values())
         self._lost = {name: hold for name, hold in self._lost.items() if hold.press not in presses}
         for stop in self._clients.values():
             if stop.hold is not None and stop.hold.press in presses:
@@ -180,7 +198,8 @@ class StopRegistry:
         self._due_ns = {name: due_ns for name, due_ns in self._due_ns.items() if name == in_control}
         if in_control is not None and now_ns > self._due_ns.get(in_control, now_ns):
             del self._due_ns[in_control]
-            self._lost.setdefault(in_control, StopHold(_new_press(), in_control, HoldKind.NOT_BACK, now_ns))
+            if in_control not in self._lost:
+                self._lose(in_control, HoldKind.NOT_BACK, now_ns)
         repeated = any(stop.repeats and stop.name == in_control for stop in self._clients.values())
         if in_control is None or not repeated or in_control in self._lost:
             return
@@ -189,7 +208,10 @@ class StopRegistry:
             self._lose(in_control, HoldKind.SILENT, now_ns)
 
     def _lose(self, name: str, kind: HoldKind, since_ns: int, press: str = "") -> None:
+        before = self._lost.get(name)
         self._lost[name] = StopHold(press or _new_press(), name, kind, since_ns)
+        if before is None or (before.kind, press) != (kind, before.press):
+            self._events.append(ConsoleEvent(EventKind(f"stop_{kind.value}"), name))
 
     def _is_watched(self, name: str, now_ns: int) -> bool:
         """Return whether a client of this name repeats its state."""

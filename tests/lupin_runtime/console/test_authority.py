@@ -19,7 +19,7 @@ def log() -> list[str]:
 
 @pytest.fixture
 def authority(log: list[str]) -> Authority:
-    return Authority(log.append)
+    return Authority(lambda event: log.append(event.text))
 
 
 def test_first_command_takes_control_and_others_are_refused(authority: Authority) -> None:
@@ -78,7 +78,7 @@ FORBIDDEN_TOPICS = [
 
 @pytest.mark.parametrize("allow_unlisted", [False, True])
 def test_no_client_bypasses_drive_bus_or_forges_estop(log: list[str], allow_unlisted: bool) -> None:
-    authority = Authority(log.append, allow_unlisted=allow_unlisted)
+    authority = Authority(lambda event: log.append(event.text), allow_unlisted=allow_unlisted)
     for topic in FORBIDDEN_TOPICS:
         for name in (topic.name, topic.name.lstrip("/")):
             with pytest.raises(Refused, match="is not allowed to clients"):
@@ -97,7 +97,7 @@ def test_unlisted_names_are_refused_except_in_development(authority: Authority, 
         authority.check_call(ANNE, "/io/motor/left_front/set_speed", 0)
     with pytest.raises(Refused):
         authority.check_provide("/greeting")
-    development = Authority(log.append, allow_unlisted=True)
+    development = Authority(lambda event: log.append(event.text), allow_unlisted=True)
     development.check_publish(ANNE, "/chatter", 0)
     development.check_provide("/greeting")
     for name in ("/mission/start", "mission/start", "navigate_to_pose"):
@@ -157,3 +157,16 @@ def test_requester_that_gives_up_is_forgotten(authority: Authority) -> None:
     authority.request(BEN, 0)
     authority.give_up(BEN, 1)
     assert authority.lease(1).requester is None
+
+
+def test_loss_of_the_last_connection_is_told_from_giving_up(authority: Authority, log: list[str]) -> None:
+    authority.take(ANNE, 0)
+    authority.give_up(ANNE, 1, left=True)
+    authority.take(ANNE, 2)
+    authority.request(BEN, 3)
+    authority.give_up(BEN, 4)
+    authority.give_up(ANNE, 5)
+    assert log[1] == "anne left, so nobody has control"
+    assert log[-2:] == ["ben asks for control no more", "anne gave up control"]
+    authority.give_up(ANNE, 6, left=True)
+    assert len(log) == 6, "it had none"

@@ -473,9 +473,10 @@ def test_commands_are_logged_with_their_session(anne: Browser, tmp_path: Path, o
     assert [row["what"] for row in by_phone] == [
         "paired as operator",
         "publish /cmd_vel",
+        "phone-1 has control",
         "drive",
         "call /mission/pause",
-        "stop",
+        "phone-1 stopped the robot",
     ]
     assert "not allowed" in by_phone[1]["refused"]
 
@@ -504,3 +505,25 @@ def test_session_has_version_of_page(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     first = origin_module._page_version()
     (tmp_path / "index.html").write_text("another")
     assert first and origin_module._page_version() not in ("", first)
+
+
+def test_history_has_stops_and_changes_of_control(phone: Browser, open_socket: Open, tmp_path: Path) -> None:
+    phone.post("/_api/pair", code=code(tmp_path))
+    events = open_socket(phone, "/_api/events")
+    phone.post("/_api/lease", action="take")
+    phone.post("/_api/stop", engaged=True, press="press:1")
+    phone.post("/_api/stop", engaged=False, presses=["press:1"])
+    events.wait(lambda event: event["event"] == "event" and event["value"]["kind"] == "stop_released")
+    kinds = ["control_taken", "stop_left", "stop_released"]
+    history = phone.get("/_api/history")["events"]
+    assert [event["kind"] for event in history] == kinds and {event["name"] for event in history} == {"phone-1"}
+    rows = [json.loads(line) for line in (tmp_path / "console_commands.jsonl").read_text().splitlines()]
+    assert [row["event"] for row in rows if "event" in row] == history
+
+
+def test_history_has_the_log_since_the_start(phone: Browser, peer: LupinNode, graph_host: GraphHost, tmp_path: Path) -> None:
+    phone.post("/_api/pair", code=code(tmp_path))
+    peer.get_logger().warning("the first line")
+    graph_host.until(
+        lambda: any(row["msg"] == "the first line" for row in phone.get("/_api/history/log")), what="the line in the history"
+    )

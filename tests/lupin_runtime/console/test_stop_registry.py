@@ -146,7 +146,7 @@ def test_client_lost_while_driving_or_stopping_leaves_the_stop() -> None:
     assert not stops.leave("holder", now_ns, True)
     assert not stops.leave("idle", now_ns + 1, False)
     assert len(texts(stops)) == 3
-    stops.release_lost()
+    stops.release_lost("driver")
     assert texts(stops) == []
 
 
@@ -158,7 +158,7 @@ def test_holder_lets_go_of_its_own_stop_only() -> None:
     stops = registry("viewer", "driver")
     stops.set_stop("viewer", True, 0, "press:1")
     stops.set_stop("driver", True, 0, "press:2")
-    stops.release_lost()
+    stops.release_lost("driver")
     assert texts(stops) == ["viewer holds the stop", "driver holds the stop"], "still pressed"
     stops.set_stop("viewer", False, 1, "press:1")
     assert texts(stops) == ["driver holds the stop"] and not stops.holds("viewer")
@@ -244,7 +244,7 @@ def test_stop_without_connection_stays_until_released() -> None:
     stops = registry()
     stops.hold_for("phone-1", 0)
     assert texts(stops) == ["phone-1 stopped the robot"]
-    stops.release_lost()
+    stops.release_lost("driver")
     assert texts(stops) == []
 
 
@@ -294,3 +294,44 @@ def test_session_that_repeated_is_silent_for_a_bounded_time(steps: list[tuple[st
             stated_ns = now_ns
         limit_ns = int((SILENCE_TIMEOUT_S + RETURN_TIMEOUT_S + 0.5) * SECOND)
         assert stops.reasons() or now_ns - stated_ns <= limit_ns
+
+
+def kinds(stops: StopRegistry) -> list[tuple[str, str, str]]:
+    return [(event.kind.value, event.name, event.other) for event in stops.take_events()]
+
+
+def test_every_stop_and_its_end_is_an_event_once() -> None:
+    stops = registry("page", "phone")
+    for now_ns in (0, 1, 2):
+        stops.set_stop("page", True, now_ns, "press:1")
+    stops.set_stop("page", False, 3, "press:1")
+    assert kinds(stops) == [("stop_pressed", "page", ""), ("stop_withdrawn", "page", "")]
+    stops.set_stop("page", True, 4, "press:2")
+    stops.release(["press:2", "press:unknown"], "phone")
+    assert kinds(stops) == [("stop_pressed", "page", ""), ("stop_released", "phone", "page")]
+    assert kinds(stops) == [], "they were taken"
+
+
+def test_silence_and_loss_are_events() -> None:
+    stops = registry("anne", "ben")
+    for _ in range(2):
+        stops.set_stop("anne", False, 0)
+    for _ in range(3):
+        stops.check_silence(10 * SECOND, "anne")
+    assert kinds(stops) == [("stop_silent", "anne", "")]
+    stops.note_velocity("ben", True, 0)
+    stops.leave("ben", 1, True)
+    stops.release_lost("anne")
+    released = [("stop_released", "anne", "anne"), ("stop_released", "anne", "ben")]
+    assert kinds(stops) == [("stop_lost_driving", "ben", ""), *released]
+
+
+def test_repeated_press_of_a_page_that_is_back_is_no_new_event() -> None:
+    stops = registry("page")
+    stops.set_stop("page", True, 0, "press:1")
+    stops.leave("page", SECOND, False)
+    stops.join("page", "page", SECOND)
+    stops.set_stop("page", True, SECOND, "press:1")
+    assert [kind for kind, *_ in kinds(stops)] == ["stop_pressed", "stop_lost_holding"]
+    stops.set_stop("page", False, SECOND, "press:1")
+    assert [kind for kind, *_ in kinds(stops)] == ["stop_withdrawn"]
