@@ -14,6 +14,21 @@ export interface Control {
   /** When the holder got control, seconds since 1970. */
   since_s: number | null;
   requester: string | null;
+  /** How long its holder has left to answer the requester, s. */
+  answer_within_s?: number | null;
+}
+
+/** A change of a stop or of control, which the server has decided and keeps. */
+export interface ConsoleEvent {
+  /** Rises with every event of the run. */
+  number: number;
+  /** The robot's time, s. */
+  robot_s: number;
+  kind: string;
+  /** The session that acted or was lost. */
+  name: string;
+  /** Another one that it concerns; empty if there is none. */
+  other: string;
 }
 
 /** What stops the robot. */

@@ -3,7 +3,8 @@ import { every } from "@/safety/timers";
 import { localStorageOrNull } from "@/state/settings";
 import { forgetStoredLocations, storedLocations } from "@/state/stored_locations";
 import { ask } from "./http";
-import { type ConsoleState, type Control, type Session, setOnline, showStops, useConsole } from "./console_store";
+import { addEvents, loadHistory } from "./history";
+import { type ConsoleEvent, type ConsoleState, type Control, type Session, setOnline, showStops, useConsole } from "./console_store";
 
 const SIGN_OF_LIFE_MS = 1000;
 const RETRY_MS = 1500;
@@ -20,6 +21,7 @@ export async function followServer(socketUrl: string): Promise<void> {
     if (answer.session === null) return; // the page asks for a code, and follows again once it was accepted
     void loadShared();
     listen(socketUrl);
+    void loadHistory();
   } catch {
     setOnline(false);
     setTimeout(() => void followServer(socketUrl), RETRY_MS);
@@ -94,6 +96,7 @@ function listen(socketUrl: string): void {
 /** Handle one event; unknown kinds are ignored. */
 export function take(text: string): void {
   const { event, value } = JSON.parse(text) as { event: string; value: unknown };
-  if (event === "stop") showStops(value as ConsoleState["stop"]);
+  if (event === "event") addEvents([value as ConsoleEvent]);
+  else if (event === "stop") showStops(value as ConsoleState["stop"]);
   else if ((FIELDS as readonly string[]).includes(event)) useConsole.setState({ [event]: value } as Partial<ConsoleState>);
 }

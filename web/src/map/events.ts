@@ -1,5 +1,7 @@
-/** What happened during a mission, from the changes of its state and from observations. */
-import type { lupin_msgs_MissionState, lupin_msgs_Observation } from "@/generated/messages";
+/** What happened, from the changes of the mission's state, from observations, and from what the console's server has decided. */
+import type { ConsoleEvent } from "@/api/console_store";
+import type { PastState } from "@/api/history";
+import type { lupin_msgs_Observation } from "@/generated/messages";
 import { lupin_msgs_MissionState as STATE, lupin_msgs_Observation as OBSERVATION } from "@/generated/messages";
 import type { TextKey, TextValues } from "@/i18n/text";
 import { inNaturalUnit } from "./health";
@@ -7,7 +9,7 @@ import { inNaturalUnit } from "./health";
 /** The event list keeps this many events. */
 export const MAX_EVENTS = 200;
 
-export type EventKind = "lifecycle" | "phase" | "target" | "pause" | "estop" | "fault" | "observation" | "notice";
+export type EventKind = "lifecycle" | "phase" | "target" | "pause" | "estop" | "control" | "fault" | "observation" | "notice";
 
 export interface MissionEvent {
   kind: EventKind;
@@ -20,7 +22,7 @@ export interface MissionEvent {
   tag?: string;
 }
 
-function seconds(stamp: { sec: number; nanosec: number }): number {
+export function seconds(stamp: { sec: number; nanosec: number }): number {
   return stamp.sec + stamp.nanosec / 1e9;
 }
 
@@ -45,11 +47,11 @@ const PHASES: Record<string, TextKey> = {
 };
 
 /** The events between two states. The first state that is seen makes none: when it began is not known. */
-export function eventsBetween(before: lupin_msgs_MissionState | null, after: lupin_msgs_MissionState): MissionEvent[] {
+export function eventsBetween(before: PastState | null, after: PastState): MissionEvent[] {
   if (before === null) return [];
   const timeS = seconds(after.header.stamp);
   const events: MissionEvent[] = [];
-  const changed = (field: keyof lupin_msgs_MissionState) => before[field] !== after[field];
+  const changed = (field: keyof PastState) => before[field] !== after[field];
   if (changed("lifecycle_state")) {
     const key = LIFECYCLE[after.lifecycle_state];
     const isFault = after.lifecycle_state === "FAULT";
@@ -111,6 +113,38 @@ export function observationEvent(observation: lupin_msgs_Observation): MissionEv
     return { ...base, severity: "warn", text: { raw: observation.anomaly.description } };
   }
   return null;
+}
+
+const CONSOLE_EVENTS: Record<string, TextKey> = {
+  stop_pressed: "mission_event_stop_pressed",
+  stop_left: "mission_event_stop_left",
+  stop_lost_driving: "mission_event_stop_lost_driving",
+  stop_lost_holding: "mission_event_stop_lost_holding",
+  stop_lost_in_control: "mission_event_stop_lost_in_control",
+  stop_not_back: "mission_event_stop_not_back",
+  stop_silent: "mission_event_stop_not_back",
+  stop_withdrawn: "mission_event_stop_withdrawn",
+  stop_released: "mission_event_stop_released",
+  control_taken: "mission_event_control_taken",
+  control_taken_over: "mission_event_control_taken_over",
+  control_requested: "mission_event_control_requested",
+  control_kept: "mission_event_control_kept",
+  control_unanswered: "mission_event_control_unanswered",
+  control_request_withdrawn: "mission_event_control_request_withdrawn",
+  control_passed: "mission_event_control_passed",
+  control_given_up: "mission_event_control_given_up",
+  control_inherited: "mission_event_control_inherited",
+  control_left: "mission_event_control_left",
+  control_expired: "mission_event_control_expired",
+};
+
+/** The event of a stop or of control; in the words of its kind where the page is older than the server. */
+export function consoleEvent({ robot_s: timeS, kind, name, other }: ConsoleEvent): MissionEvent {
+  const key = CONSOLE_EVENTS[kind];
+  const isStop = kind.startsWith("stop_");
+  const isEnd = kind === "stop_withdrawn" || kind === "stop_released";
+  const text = key === undefined ? { raw: `${kind} ${name} ${other}`.trim() } : { key, values: { name, other } };
+  return { kind: isStop ? "estop" : "control", timeS, severity: isStop && !isEnd ? "warn" : "info", text };
 }
 
 /** One visit to a tag, or one reading of it on the way. */

@@ -1,9 +1,9 @@
-/** What happened in missions since this page was opened. It goes on while other tabs are shown. */
+/** What happened in this run: from the server's history, and since this page was opened. It goes on while other tabs are shown. */
 import { create } from "zustand";
+import { type PastState, useHistory } from "@/api/history";
 import { TOPICS } from "@/generated/graph";
-import type { lupin_msgs_MissionState } from "@/generated/messages";
 import { topics } from "@/robot";
-import { MAX_EVENTS, type MissionEvent, type Visit, eventsBetween, observationEvent, observationKey, visitOf } from "./events";
+import { MAX_EVENTS, type MissionEvent, type Visit, consoleEvent, eventsBetween, observationEvent, observationKey, seconds, visitOf } from "./events";
 import { RecentKeys } from "./recent_keys";
 
 const MAX_VISITS = 1000;
@@ -38,17 +38,42 @@ function add(events: readonly MissionEvent[]): void {
   });
 }
 
+/** The events of the mission's states: of the past, which may come again after an outage, and of now. */
+export class StateEvents {
+  private last: PastState | null = null;
+
+  /** A state of the past: what was seen already makes no events. */
+  takePast(state: PastState): MissionEvent[] {
+    return this.last !== null && seconds(state.header.stamp) <= seconds(this.last.header.stamp) ? [] : this.take(state);
+  }
+
+  take(state: PastState): MissionEvent[] {
+    const before = this.last;
+    this.last = state;
+    return eventsBetween(before, state);
+  }
+}
+
 /** Begin to listen; called once, at the first look at the map. */
 export function startMissionLog(): void {
   if (isStarted) return;
   isStarted = true;
-  let state: lupin_msgs_MissionState | null = null;
+  const states = new StateEvents();
   topics.listen(TOPICS.MISSION_STATE, {}, () => {
     const next = topics.last(TOPICS.MISSION_STATE)?.message;
-    if (next === undefined) return;
-    add(eventsBetween(state, next));
-    state = next;
+    // The state is repeated: what is not looked at before the history has come is compared with it soon after.
+    if (next !== undefined && useHistory.getState().mission !== null) add(states.take(next));
   });
+  const heard = new RecentKeys(MAX_KNOWN);
+  const takeHistory = () => {
+    const { events, mission } = useHistory.getState();
+    add([
+      ...(mission ?? []).flatMap((state) => states.takePast(state)),
+      ...events.filter(({ number: count, robot_s, kind }) => heard.add(`${count} ${robot_s} ${kind}`)).map(consoleEvent),
+    ]);
+  };
+  takeHistory();
+  useHistory.subscribe(takeHistory);
   const known = new RecentKeys(MAX_KNOWN);
   topics.listen(TOPICS.OBSERVATIONS, {}, () => {
     const observation = topics.last(TOPICS.OBSERVATIONS)?.message;

@@ -80,6 +80,8 @@ export class MockApi {
     "POST /_api/stop": ({ engaged, press, presses }) => ({
       stop: engaged === true ? this.authority.stopWithoutLink(String(press)) : this.authority.release(presses as string[]),
     }),
+    "GET /_api/history": () => ({ events: this.authority.events, mission: [] }),
+    "GET /_api/history/log": () => [],
     "GET /_api/doctor": () => this.doctor.state,
     "POST /_api/doctor/examination": () => this.doctor.examine(),
     "POST /_api/doctor/fix": ({ finding, confirmed }) => {

@@ -1,5 +1,5 @@
 /** Who has control in the mock mode, and who stops the robot: the rules of the console's server. */
-import type { Control, Session, StopHold } from "@/api/console_store";
+import type { ConsoleEvent, Control, Session, StopHold } from "@/api/console_store";
 import { AUTHORITY } from "@/generated/robot";
 import type { MockOptions } from "./options";
 import type { World } from "./world";
@@ -35,6 +35,11 @@ export class RequestRefused extends Error {
 export class MockAuthority {
   readonly own: Session;
   control: Control = { holder: null, since_s: null, requester: null };
+  private askedMs = 0;
+  /** What has changed, as the server's history has it. */
+  readonly events: ConsoleEvent[] = [];
+  /** Called with every change. */
+  onEvent: (event: ConsoleEvent) => void = () => {};
   /** What stops the robot, but for its button; this browser's own press is one of them. */
   private holds: Hold[] = [];
   private timer: ReturnType<typeof setTimeout> | undefined;
@@ -54,6 +59,13 @@ export class MockAuthority {
 
   get hasControl(): boolean {
     return this.control.holder === this.own.name;
+  }
+
+  /** Who has control, as the server pushes it. */
+  get state(): Control {
+    if (this.control.requester === null) return this.control;
+    const leftS = AUTHORITY.requestS - (performance.now() - this.askedMs) / 1000;
+    return { ...this.control, answer_within_s: Math.max(0, Math.ceil(leftS)) };
   }
 
   /** Who is connected: this browser, one that watches, and the other one where it has a part. */
@@ -82,7 +94,9 @@ export class MockAuthority {
   /** Take control where it is free; refuse where it is not. */
   take(): void {
     this.checkTake();
-    if (!this.hasControl) this.give(this.own.name);
+    if (this.hasControl) return;
+    this.note("control_taken", this.own.name);
+    this.give(this.own.name);
   }
 
   /** Refuse where control could not be taken, without taking it. */
@@ -116,7 +130,8 @@ export class MockAuthority {
         break;
       case "give_up":
         if (this.control.requester === this.own.name) this.control = { ...this.control, requester: null };
-        else if (this.hasControl) this.give(this.control.requester);
+        else if (this.hasControl) this.note("control_given_up", this.own.name);
+        if (this.hasControl) this.give(this.control.requester);
         break;
       case "take_over":
         this.requireOperator();
@@ -137,6 +152,7 @@ export class MockAuthority {
     if (engaged === (own !== undefined) && (!engaged || own?.press === press)) return;
     this.holds = this.holds.filter((hold) => hold !== own && hold.press !== press);
     if (engaged) this.hold("pressed", this.own.name, press);
+    else this.note("stop_withdrawn", this.own.name);
     this.update();
   }
 
@@ -151,12 +167,14 @@ export class MockAuthority {
   /** Release the stops of these presses. */
   release(presses: readonly string[]): StopHold[] {
     this.take();
+    for (const { name } of this.holds.filter(({ press }) => presses.includes(press))) this.note("stop_released", this.own.name, name);
     this.holds = this.holds.filter(({ press }) => !presses.includes(press));
     this.update();
     return this.stops;
   }
 
   private hold(kind: "pressed" | "left", name: string, press: string): void {
+    this.note(`stop_${kind}`, name);
     const text = kind === "pressed" ? `${name} holds the stop` : `${name} stopped the robot`;
     this.holds = [...this.holds, { kind, name, press, text, sinceMs: performance.now() }];
   }
@@ -168,11 +186,19 @@ export class MockAuthority {
     this.changed();
   }
 
+  private note(kind: string, name: string, other = ""): void {
+    const event = { number: this.events.length + 1, robot_s: this.world.clockS, kind, name, other };
+    this.events.push(event);
+    this.onEvent(event);
+  }
+
   private ask(requester: string): void {
     if (this.control.requester !== null && this.control.requester !== requester) {
       throw new RequestRefused(`${this.control.requester} is already asking for control; ask again later`);
     }
     this.control = { ...this.control, requester };
+    this.askedMs = performance.now();
+    this.note("control_requested", requester, this.control.holder ?? "");
     clearTimeout(this.timer);
     const isMine = requester === this.own.name;
     this.timer = setTimeout(() => this.end(isMine), isMine ? ANSWER_MS : AUTHORITY.requestS * 1000);
@@ -180,9 +206,13 @@ export class MockAuthority {
   }
 
   /** Ends a request for control: the other browser hands control over, or its own request expires. */
-  private end(grant: boolean): void {
+  private end(grant: boolean, wasAnswered = false): void {
     if (this.control.requester === null) return;
-    if (grant) this.give(this.control.requester);
+    const { holder, requester } = this.control;
+    const answer = grant ? "control_passed" : "control_kept";
+    if (grant || wasAnswered) this.note(answer, holder ?? "", requester);
+    else this.note("control_unanswered", requester, holder ?? "");
+    if (grant) this.give(requester);
     else this.control = { ...this.control, requester: null };
     this.changed();
   }
@@ -190,7 +220,7 @@ export class MockAuthority {
   private answer(grant: boolean): void {
     if (!this.hasControl) throw new RequestRefused(`${this.own.name} does not have control`);
     if (this.control.requester === null) throw new RequestRefused("nobody is asking for control now");
-    this.end(grant);
+    this.end(grant, true);
   }
 
   private give(holder: string | null): void {

@@ -1,6 +1,7 @@
 /** The mock mode: a robot and the console's server in the page itself, for `?mock=1`. Nothing else loads this chunk. */
 import { setOnline, useConsole } from "@/api/console_store";
 import { moveLocations, take } from "@/api/events";
+import { loadHistory } from "@/api/history";
 import type { Socket } from "@/ros/rosbridge";
 import { MockApi } from "./api";
 import { MockAuthority } from "./authority";
@@ -31,12 +32,13 @@ const robot = { world, authority, maps };
 const rosbridge = new RosbridgeServer(robot);
 const doctor = new MockDoctor(options, (state) => push("doctor", state));
 const recording = new MockRecording(world);
+authority.onEvent = (event) => push("event", event);
 const api = new MockApi(robot, doctor, recording, push);
 
 function pushState(): void {
   // Called by the constructor too, before there is anybody to tell.
   if (!isOnline) return;
-  push("control", authority.control);
+  push("control", authority.state);
   push("browsers", authority.browsers);
   push("stop", authority.stops);
 }
@@ -67,6 +69,7 @@ export function startServer(): void {
   pushState();
   push("doctor", doctor.state);
   push("run", runState(world));
+  void loadHistory();
   void Promise.all([
     answer("/_api/locations")
       .then(async (response) => push("locations", await response.json()))

@@ -30,7 +30,8 @@ export function controlText({ isStale, mine, holder }: { isStale: boolean; mine:
 export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenChange: (open: boolean) => void }) {
   const text = useText();
   const state = useConsole();
-  const { holder, requester } = state.control;
+  const { holder, requester, answer_within_s: leftS } = state.control;
+  const seconds = leftS ?? AUTHORITY.requestS;
   const mine = hasControl(state);
   const isStale = useIsControlStale();
   const asked = mine && requester !== null && !isStale;
@@ -43,7 +44,7 @@ export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenCha
         onOpenChange(next);
       }}
       title={asked ? text("control_requested", { requester: requester ?? "" }) : text("control_title")}
-      description={asked ? text("control_requested_explained", { seconds: AUTHORITY.requestS }) : text("control_explained")}
+      description={asked ? text("control_requested_explained", { seconds }) : text("control_explained")}
     >
       {asked ? (
         <div className="flex flex-wrap justify-end gap-3">
@@ -68,7 +69,7 @@ export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenCha
               {!mine && holder !== null && (
                 <>
                   {requester === state.session?.name ? (
-                    <p className="self-center text-text-2">{text("asked_for_control", { holder })}</p>
+                    <p className="self-center text-text-2">{text("asked_for_control", { holder, seconds })}</p>
                   ) : (
                     <Button kind="primary" onClick={() => void lease("request")}>
                       {text("ask_for_control")}

@@ -1,4 +1,4 @@
-import { Bell, CircleAlert, Flag, Footprints, type LucideIcon, OctagonX, Pause, Radar, Waypoints } from "lucide-react";
+import { Bell, CircleAlert, Flag, Footprints, Gamepad2, type LucideIcon, OctagonX, Pause, Radar, Waypoints } from "lucide-react";
 import { useState } from "react";
 import { useLanguage, useText } from "@/i18n/text";
 import type { EventKind } from "@/map/events";
@@ -14,6 +14,7 @@ const ICONS: Record<EventKind, LucideIcon> = {
   target: Waypoints,
   pause: Pause,
   estop: OctagonX,
+  control: Gamepad2,
   fault: CircleAlert,
   observation: Radar,
   notice: Bell,
