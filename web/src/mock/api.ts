@@ -1,7 +1,7 @@
 /** The mock HTTP API: answers the requests that the page sends to its own origin. */
 import type { SavedMaps } from "@/map/saved_maps";
 import { SETTINGS, SETTINGS_VERSION } from "@/generated/settings";
-import { MAX_LOG_LINES, commandRows, logText } from "./stored_logs";
+import { MAX_LOG_LINES, commandRows, logText, pastLog } from "./stored_logs";
 import { type MockAuthority, RequestRefused } from "./authority";
 import { cameraRows, videoStream } from "./video";
 import { isLost } from "./link_state";
@@ -81,7 +81,7 @@ export class MockApi {
       stop: engaged === true ? this.authority.stopWithoutLink(String(press)) : this.authority.release(presses as string[]),
     }),
     "GET /_api/history": () => ({ events: this.authority.events, mission: [] }),
-    "GET /_api/history/log": () => [],
+    "GET /_api/history/log": () => pastLog(this.robot.world.clockS),
     "GET /_api/doctor": () => this.doctor.state,
     "POST /_api/doctor/examination": () => this.doctor.examine(),
     "POST /_api/doctor/fix": ({ finding, confirmed }) => {

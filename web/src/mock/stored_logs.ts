@@ -9,6 +9,14 @@ export function logText(process: string, lines: number): string {
   }).join("\n");
 }
 
+/** What was logged before the page was opened. */
+export function pastLog(untilS: number): unknown[] {
+  return Array.from({ length: MAX_LOG_LINES }, (_, index) => {
+    const stamp = { sec: Math.floor(untilS) - MAX_LOG_LINES + index, nanosec: 0 };
+    return { stamp, level: 20, name: "mission", msg: `line ${index + 1} before this page`, file: "", function: "", line: 0 };
+  });
+}
+
 export function commandRows(name: string): unknown[] {
   const ago = (seconds: number) => new Date(Date.now() - seconds * 1000).toISOString();
   return [

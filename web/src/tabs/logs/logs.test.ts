@@ -46,6 +46,33 @@ describe("the tail of the log", () => {
     expect(performance.now() - start).toBeLessThan(500);
   });
 
+  it("begins with the history, in order and each line once", () => {
+    const { store, runFrame } = storeWithFrames();
+    const at = (sec: number, msg = `line ${sec}`) => ({ ...line(20, "slam", msg), stamp: { sec, nanosec: 0 } });
+    store.add(at(3), 0);
+    store.addPast([at(1), at(2), at(3), at(4)]);
+    store.add(at(4), 1);
+    store.add(at(5), 2);
+    runFrame();
+    expect(store.tail.rows.map(({ timeS }) => timeS)).toEqual([1, 2, 3, 4, 5]);
+    expect(new Set(store.tail.rows.map(({ id }) => id)).size).toBe(5);
+    expect(store.tail.received).toBe(5);
+    expect(filteredRows(store.tail, { ...ALL, search: "line 1" })).toHaveLength(1);
+    store.clear();
+    store.addPast([at(1), at(6)]);
+    expect(store.tail.rows.map(({ timeS }) => timeS), "what was cleared stays away").toEqual([6]);
+  });
+
+  it("stays bounded with a long history", () => {
+    const { store, runFrame } = storeWithFrames();
+    store.addPast(Array.from({ length: 3 * MAX_ROWS }, (_, index) => line(30, "nav", `old ${index}`)));
+    store.add({ ...line(20, "nav", "new"), stamp: { sec: 2, nanosec: 0 } }, 0);
+    runFrame();
+    expect(store.tail.rows).toHaveLength(MAX_ROWS);
+    expect(store.tail.rows.at(-1)?.message).toBe("new");
+    expect(store.tail.warnings.length).toBeLessThanOrEqual(MAX_ROWS);
+  });
+
   it("is cleared with its counts", () => {
     const { store, runFrame } = storeWithFrames();
     store.add(line(20, "slam", "x"), 0);
