@@ -70,7 +70,7 @@ export async function rewind(): Promise<void> {
 }
 
 /** The id of the run whose graph this is. Of `lupin console`, which belongs to no run, it is the one that is up. */
-async function currentRun(): Promise<string> {
+export async function currentRun(): Promise<string> {
   const { id } = useConsole.getState().run;
   if (id !== undefined && id !== "") return id;
   const up = (await ask<{ id: string; state: string }[]>("/_api/runs")).find(({ state }) => state === "up");

@@ -22,6 +22,18 @@ describe("a time series", () => {
     expect(series([[1, 1], [1, 2], [0, 3]]).size).toBe(1);
   });
 
+  it("takes earlier samples in, within its bounds", () => {
+    const made = series([[5, 5], [6, 6]], 300, 4);
+    made.pushBefore([[1, 1], [3, 3], [4, 4], [5, 50], [7, 7]]);
+    expect(Array.from({ length: made.size }, (_, index) => made.timeAt(index))).toEqual([3, 4, 5, 6]);
+    expect(made.valueAt(2)).toBe(5);
+    made.push(7, 7);
+    expect([made.size, made.lastTime]).toEqual([4, 7]);
+    const empty = series([]);
+    empty.pushBefore([[1, 1], [2, 2]]);
+    expect([empty.size, empty.lastTime]).toEqual([2, 2]);
+  });
+
   it("tells its listeners, and copies itself", () => {
     const made = series(every(1, 3));
     const listener = vi.fn<() => void>();

@@ -24,13 +24,27 @@ export class TimeSeries {
 
   /** Add a value; times must not fall. A time that is not later than the last one is ignored. */
   push(timeS: number, value: number): void {
-    if (this.count > 0 && timeS <= this.timeAt(this.count - 1)) return;
+    if (!this.store(timeS, value)) return;
+    for (const listener of this.listeners) listener();
+  }
+
+  private store(timeS: number, value: number): boolean {
+    if (this.count > 0 && timeS <= this.timeAt(this.count - 1)) return false;
     if (this.count === this.capacity) this.drop();
     const place = (this.start + this.count) % this.capacity;
     this.times[place] = timeS;
     this.values[place] = value;
     this.count += 1;
     while (this.count > 1 && this.timeAt(0) < timeS - this.windowS) this.drop();
+    return true;
+  }
+
+  /** Put samples before the first one, in the order of their times. What is not earlier than it is left out, and the newest are kept. */
+  pushBefore(samples: readonly (readonly [timeS: number, value: number])[]): void {
+    const first = this.count === 0 ? Infinity : this.timeAt(0);
+    const here = Array.from({ length: this.count }, (_, index) => [this.timeAt(index), this.valueAt(index)] as const);
+    this.start = this.count = 0;
+    for (const [timeS, value] of [...samples.filter(([atS]) => atS < first), ...here]) this.store(timeS, value);
     for (const listener of this.listeners) listener();
   }
 
