@@ -105,7 +105,7 @@ def test_command_journal_is_served(browser: Browser, run: Run) -> None:
     browser.post("/_api/stop", engaged=True)
     with (run.path / "console_commands.jsonl").open("a") as file:
         file.write("{ cut")
-    assert [row["what"] for row in browser.get(f"/_api/runs/{run.id}/commands")] == ["stop"]
+    assert [row["what"] for row in browser.get(f"/_api/runs/{run.id}/commands")] == ["this computer stopped the robot"]
 
 
 def test_maps_are_listed_and_read(browser: Browser) -> None:
