@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
-from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.bounded_file import open_text
 from lupin_runtime.cpp_number import parse_number
 from lupin_runtime.slam.pose_graph import NOT_SEMIDEFINITE, SINGULAR, Edges, scaled_eigenvalue, tree_guess
 
@@ -133,7 +132,7 @@ def read_g2o(path: Path) -> GraphFile:
     Raises MalformedFile, naming the line, and OSError.
     """
     reader = _Reader()
-    with io.TextIOWrapper(open_regular(path), encoding="utf-8", errors="replace") as lines:
+    with open_text(path) as lines:
         for reader.line, text in enumerate(lines, start=1):
             fields = text.split("#", 1)[0].split()
             if not fields:
