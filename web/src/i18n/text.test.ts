@@ -8,6 +8,11 @@ describe("texts", () => {
     for (const key of TEXT_KEYS) expect([key, places(textIn("nl", key))]).toEqual([key, places(textIn("en", key))]);
   });
 
+  it("have a word for one and for many", () => {
+    expect([0, 1, 2].map((count) => textIn("en", "alarms", { count }))).toEqual(["0 alarms", "1 alarm", "2 alarms"]);
+    expect([1, 2].map((count) => textIn("nl", "alarms", { count }))).toEqual(["1 alarm", "2 alarmen"]);
+  });
+
   it("take values as they are", () => {
     expect(textIn("en", "driving_to", { tag: "<b>$&{tag}" })).toBe("Driving to tag <b>$&{tag}");
   });

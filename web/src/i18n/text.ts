@@ -2,6 +2,7 @@
 import { useCallback } from "react";
 import { create } from "zustand";
 import { localStorageOrNull } from "@/state/settings";
+import { withDecimalMark, writeNumbersIn } from "@/ui/numbers";
 import { arm } from "./catalog/arm";
 import { boot } from "./catalog/boot";
 import { cameras } from "./catalog/cameras";
@@ -73,8 +74,10 @@ function preferredLanguage(): Language {
 }
 
 export const useLanguage = create<{ language: Language }>(() => ({ language: preferredLanguage() }));
+writeNumbersIn(useLanguage.getState().language);
 
 export function setLanguage(language: Language): void {
+  writeNumbersIn(language);
   useLanguage.setState({ language });
   document.documentElement.lang = language;
   try {
@@ -84,10 +87,16 @@ export function setLanguage(language: Language): void {
   }
 }
 
-/** A text of the catalog, with `{name}` replaced by the values. */
+/** A text of the catalog, with `{name}` replaced by the values, and `{name|one|many}` by the word for as many. */
 export function textIn(language: Language, key: TextKey, values: TextValues = {}): string {
-  return CATALOG[language][key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
+  return CATALOG[language][key].replace(PLACE, (whole, name: string, one?: string, many?: string) => {
+    const value = values[name];
+    if (one !== undefined && many !== undefined) return value === 1 ? one : many;
+    return typeof value === "number" ? withDecimalMark(String(value)) : (value ?? whole);
+  });
 }
+
+const PLACE = /\{(\w+)(?:\|([^|}]*)\|([^|}]*))?\}/g;
 
 export type Text = (key: TextKey, values?: TextValues) => string;
 

@@ -58,7 +58,7 @@ const OBSERVATION = {
 
 describe("events of observations", () => {
   it("say what was read, and why it was not", () => {
-    expect(observationEvent(OBSERVATION)).toMatchObject({ tag: "4", severity: "info", text: { key: "mission_event_read_one" } });
+    expect(observationEvent(OBSERVATION)).toMatchObject({ tag: "4", severity: "info", text: { key: "mission_event_read" } });
     const failed = observationEvent({ ...OBSERVATION, status: 1, status_detail: "nav_timeout" });
     expect(failed).toMatchObject({ severity: "warn", text: { key: "mission_event_unreachable", values: { detail: "nav_timeout" } } });
     expect(observationEvent({ ...OBSERVATION, status: 99 })?.text).toMatchObject({ key: "mission_event_scan_failed" });

@@ -99,14 +99,14 @@ export function observationEvent(observation: lupin_msgs_Observation): MissionEv
     const tag = observation.tag_reading.tag_id;
     if (status === OBSERVATION.STATUS_OK) {
       const count = observation.tag_reading.readings.length;
-      return { ...base, severity: "info", tag, text: { key: count === 1 ? "mission_event_read_one" : "mission_event_read", values: { tag, count } } };
+      return { ...base, severity: "info", tag, text: { key: "mission_event_read", values: { tag, count } } };
     }
     const key = FAILURES[status] ?? "mission_event_scan_failed";
     return { ...base, severity: status === OBSERVATION.STATUS_SKIPPED ? "info" : "warn", tag, text: { key, values: { tag, detail } } };
   }
   if (kind === OBSERVATION.KIND_FLOWER) {
     const { tag_id: tag, flower_count: flowers, bug_count: bugs, anomaly } = observation.flower;
-    const key = anomaly || bugs > 0 ? "mission_event_bug" : flowers === 1 ? "mission_event_flower" : "mission_event_flowers";
+    const key = anomaly || bugs > 0 ? "mission_event_bug" : "mission_event_flowers";
     return { ...base, severity: key === "mission_event_bug" ? "warn" : "info", tag, text: { key, values: { tag, flowers } } };
   }
   if (kind === OBSERVATION.KIND_ANOMALY) {

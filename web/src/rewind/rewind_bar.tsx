@@ -1,16 +1,15 @@
 import { History, Pause, Play, Radio, RotateCcw, RotateCw } from "lucide-react";
 import { useEffect } from "react";
 import { useNow } from "@/hooks/use_now";
-import { useLanguage, useText } from "@/i18n/text";
+import { useText } from "@/i18n/text";
 import { robotTime } from "@/robot";
 import { showProblem } from "@/state/problems";
 import { useRoute } from "@/state/route";
 import { Button } from "@/ui/button";
 import { isShortcut } from "@/ui/keyboard";
 import { isDialogOpen } from "@/ui/open_dialogs";
-import { span } from "@/ui/numbers";
+import { span, writeMoment } from "@/ui/numbers";
 import { Slider } from "@/ui/slider";
-import { writeMoment } from "./moment";
 import { goLive, hasPast, rewind, setPlaying, showAt } from "./rewind";
 import { isRewound, useIsRewound, useRewind } from "./state";
 
@@ -61,13 +60,12 @@ export function RewindBar() {
 
 function Bar() {
   const text = useText();
-  const language = useLanguage((state) => state.language);
   const { shownS, extent, isPlaying, isLoading, problem } = useRewind();
   const now = useNow();
   if (shownS === null || extent === null) return null;
   const nowS = robotTime(now) ?? extent.endS;
   const age = span(Math.max(0, nowS - shownS));
-  const moment = writeMoment(shownS, language);
+  const moment = writeMoment(shownS);
   return (
     <section aria-label={text("rewind_title")} data-testid="rewind-bar" className="flex shrink-0 flex-wrap items-center gap-x-4 gap-y-1 border-b-2 border-attention bg-panel px-4 py-2 max-md:px-3">
       <Button kind="primary" onClick={goLive} data-testid="go-live">

@@ -1,11 +1,11 @@
 import { Download, FileText } from "lucide-react";
 import { type ReactNode, useState } from "react";
-import { type Text, useLanguage, useText } from "@/i18n/text";
+import { type Text, useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { CommandLine } from "@/ui/command_line";
 import { Dialog } from "@/ui/dialog";
-import { UNKNOWN } from "@/ui/numbers";
+import { UNKNOWN, dayAndTime } from "@/ui/numbers";
 import { useOverlayState } from "./overlays";
 import { CurrentRun } from "./runs/current_run";
 import { ReportView } from "./runs/report_view";
@@ -129,6 +129,5 @@ function robotLabel(play: Play, text: Text): string {
 }
 
 function Moment({ date }: { date: Date | null }) {
-  const language = useLanguage((state) => state.language);
-  return <span className="numeric">{date === null ? UNKNOWN : date.toLocaleString(language, { dateStyle: "medium", timeStyle: "short" })}</span>;
+  return <span className="numeric">{date === null ? UNKNOWN : dayAndTime(date)}</span>;
 }

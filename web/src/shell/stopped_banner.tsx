@@ -33,7 +33,6 @@ export function StoppedBanner() {
     server: state.stop,
     robot: estop.reasons,
   });
-  const own = gate.reason !== null ? text(`reason_${gate.reason}`) : "";
   const holder = state.control.holder;
   const mayRelease = state.session.role === "operator" && (holder === null || hasControl(state)) && !isWatching;
 
@@ -60,7 +59,7 @@ export function StoppedBanner() {
       <Octagon aria-hidden="true" className={cn("size-6 shrink-0", stopped ? "text-stop-text" : "text-text-3")} />
       <p className="min-w-0 grow basis-60">
         <strong className={cn("font-semibold", stopped ? "text-stop-text" : "text-text")}>
-          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : text("can_drive_no", { reason: own })}
+          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : gate.reason === null || gate.reason === "startup" ? text("cannot_drive_yet") : text("can_drive_no", { reason: text(`reason_${gate.reason}`) })}
         </strong>
         {!stopped && (
           <span aria-hidden="true" className="ml-2 text-text-2 numeric" data-testid="stop-age">
@@ -71,7 +70,7 @@ export function StoppedBanner() {
           {problem !== ""
             ? text("release_failed", { reason: problem })
             : mayRelease
-              ? text("nothing_moves_after_release")
+              ? text(stopped ? "nothing_moves_after_release" : "cannot_drive_yet_hint")
               : text(gate.isStated ? "release_needs_withdrawal" : "release_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
           {lines.some(({ name }) => name !== null) && text("this_browser_is", { name: state.session.name })}
         </span>

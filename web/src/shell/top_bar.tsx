@@ -3,14 +3,14 @@ import { useState } from "react";
 import { hasControl, otherBrowsers, useConsole } from "@/api/console_store";
 import { useAge, useNow } from "@/hooks/use_now";
 import { BATTERY_STALE_MS, useBattery, useIsControlStale, useIsLinkLost, useMission, useMissionSilence, useSentence } from "@/hooks/use_situation";
-import { type Text, type TextKey, useLanguage, useText } from "@/i18n/text";
+import { type Text, type TextKey, useText } from "@/i18n/text";
 import { useLink } from "@/robot";
 import { useTabRole } from "@/safety/commanding_tab";
 import { type Charge, chargeOf, chargeShare } from "@/state/battery";
 import { progress } from "@/state/sentence";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { UNKNOWN, clock, fixed, span } from "@/ui/numbers";
+import { UNKNOWN, clock, fixed, span, timeOfDay, writeMoment } from "@/ui/numbers";
 import { ControlDialog, controlText } from "./control_dialog";
 import { showOverlay } from "./overlays";
 
@@ -143,7 +143,7 @@ function ControlPill() {
   const holder = state.control.holder;
   const { icon: Icon, label, short } = controlLabel(text, { isStale, isWatching: isWatching && hasControl(state), mine, holder, isViewer: state.session?.role === "viewer" });
   const others = otherBrowsers(state);
-  const since = state.control.since_s === null ? null : new Date(state.control.since_s * 1000).toLocaleTimeString();
+  const since = state.control.since_s === null ? null : timeOfDay(new Date(state.control.since_s * 1000));
   return (
     <>
       <button
@@ -253,14 +253,12 @@ function BatteryReading() {
 /** The robot's clock, from the mission's stamps or, without a mission, from the last ping: a wrong clock is seen here. */
 function RobotTime() {
   const text = useText();
-  const language = useLanguage((state) => state.language);
   const mission = useMission();
   const isLost = useIsLinkLost();
   const offsetS = useLink((link) => link.clockOffsetS);
   const now = useNow();
   const pinged = isLost || offsetS === null ? null : Math.floor(now / 1000 + offsetS);
   const seconds = mission?.header.stamp.sec ?? pinged;
-  const value =
-    seconds === null ? UNKNOWN : seconds > 1e9 ? new Date(seconds * 1000).toLocaleTimeString(language) : clock(seconds);
+  const value = seconds === null ? UNKNOWN : writeMoment(seconds);
   return <Reading value={value} unit="" label={text("robot_time")} {...(isLost ? { tone: "lost" as const } : {})} />;
 }

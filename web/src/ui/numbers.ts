@@ -1,12 +1,39 @@
-/** Numbers as the page writes them: fixed places, a real minus sign, a dash for what is not known. */
+/** Numbers and times as the page writes them: fixed places, a real minus sign, a dash for what is not known; in Dutch, a decimal comma. */
 
 export const UNKNOWN = "–";
+
+let language = "en";
+
+/** Write in another language from now on; called with each change of the page's language. */
+export function writeNumbersIn(next: string): void {
+  language = next;
+}
+
+/** A number, as JavaScript writes it, with the decimal mark of the language. */
+export function withDecimalMark(text: string): string {
+  return language === "nl" ? text.replace(".", ",") : text;
+}
+
+/** The time of the day, such as 14:05:09. */
+export function timeOfDay(date: Date): string {
+  return date.toLocaleTimeString(language, { hourCycle: "h23" });
+}
+
+/** The day and the time. */
+export function dayAndTime(date: Date): string {
+  return date.toLocaleString(language, { dateStyle: "medium", timeStyle: "short", hourCycle: "h23" });
+}
+
+/** A time of the robot's clock; in the simulator, that is the time since its start. */
+export function writeMoment(seconds: number): string {
+  return seconds > 1e9 ? timeOfDay(new Date(seconds * 1000)) : clock(seconds);
+}
 
 export function fixed(value: number | null | undefined, places: number): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return UNKNOWN;
   const text = value.toFixed(places);
   // "-0.00" is zero.
-  return Number(text) === 0 ? (0).toFixed(places) : text.replace("-", "\u2212");
+  return withDecimalMark(Number(text) === 0 ? (0).toFixed(places) : text.replace("-", "\u2212"));
 }
 
 /** As `fixed`, with a plus sign before positive numbers. */
@@ -18,7 +45,7 @@ export function signed(value: number | null | undefined, places: number): string
 /** A span of time: 0.4 s, 12 s, 03:05, 1:02:09. */
 export function span(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds) || seconds < 0) return UNKNOWN;
-  if (seconds < 10) return `${seconds.toFixed(1)} s`;
+  if (seconds < 10) return `${fixed(seconds, 1)} s`;
   if (seconds < 60) return `${Math.floor(seconds)} s`;
   return clock(seconds);
 }

@@ -2,13 +2,12 @@ import { RotateCw } from "lucide-react";
 import { type RefObject, useEffect, useRef, useState } from "react";
 import { useNow } from "@/hooks/use_now";
 import { useTopics } from "@/hooks/use_topic";
-import { useLanguage, useText } from "@/i18n/text";
-import { writeMoment } from "@/rewind/moment";
-import { useIsRewound, useRewind } from "@/rewind/state";
+import { useText } from "@/i18n/text";
 import { robotTime } from "@/robot";
+import { useIsRewound, useRewind } from "@/rewind/state";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { fixed, span } from "@/ui/numbers";
+import { fixed, span, writeMoment } from "@/ui/numbers";
 import { type Arrival, CameraStream, type ImageFeed, type StreamListener, type StreamState, medianLatencyS } from "./camera/camera_stream";
 import { Overlay, type OverlayKind } from "./camera/overlay";
 import { RecordedImages } from "./camera/recorded_images";
@@ -166,11 +165,10 @@ function Condition({
 /** When a recorded image was taken. */
 function Moment({ shown }: { shown: RefObject<Shown | null> }) {
   const text = useText();
-  const language = useLanguage((state) => state.language);
   useNow();
   const stampS = shown.current?.recent.at(-1)?.stampS ?? null;
   if (stampS === null) return null;
-  return <p className="absolute top-3 right-3 rounded-sm border border-attention bg-panel/90 px-2.5 py-1 text-sm numeric">{text("rewind_image_age", { time: writeMoment(stampS, language) })}</p>;
+  return <p className="absolute top-3 right-3 rounded-sm border border-attention bg-panel/90 px-2.5 py-1 text-sm numeric">{text("rewind_image_age", { time: writeMoment(stampS) })}</p>;
 }
 
 function Numbers({

@@ -126,7 +126,7 @@ test("a stick overrides a mission, and the view says so", async ({ page }) => {
 
 test("the robot is not relocated while a mission drives it", async ({ page }) => {
   await openMock(page, "map", "state=mission&control=you");
-  await page.getByRole("button", { name: "Show the robot where it is" }).first().click();
+  await page.getByRole("button", { name: "Correct the robot's position" }).first().click();
   const map = await page.locator("[aria-describedby=map-keys]").boundingBox();
   if (map === null) throw new Error("not on the page");
   await page.mouse.click(map.x + map.width / 2, map.y + map.height / 2);

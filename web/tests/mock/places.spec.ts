@@ -51,7 +51,7 @@ test("no map is loaded during a mission, and the page says why", async ({ page }
 
 test("the robot is relocated by a drawn pose", async ({ page }) => {
   const errors = await openPlaces(page);
-  await page.getByRole("tabpanel", { name: "Places" }).getByRole("button", { name: "Relocate" }).click();
+  await page.getByRole("tabpanel", { name: "Places" }).getByRole("button", { name: "Correct the position" }).click();
   await drawPose(page);
   await page.getByRole("button", { name: "It is there" }).click();
   await expect(page.getByText("The robot was told where it is")).toBeVisible();

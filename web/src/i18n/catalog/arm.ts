@@ -87,7 +87,7 @@ const en = {
   // -- sequences
   arm_sequences: "Sequences",
   arm_no_sequences: "No sequence yet. Record one by the sliders or by hand.",
-  arm_points: "{count} points",
+  arm_points: "{count} {count|point|points}",
   arm_speed: "Speed",
   arm_play: "Play",
   arm_playing: "Playing {name}",
@@ -216,7 +216,7 @@ const nl: Record<keyof typeof en, string> = {
   arm_delete_hold: "Ingedrukt houden om te verwijderen",
   arm_sequences: "Reeksen",
   arm_no_sequences: "Nog geen reeks. Neem er een op met de schuiven of met de hand.",
-  arm_points: "{count} punten",
+  arm_points: "{count} {count|punt|punten}",
   arm_speed: "Snelheid",
   arm_play: "Afspelen",
   arm_playing: "Speelt {name} af",

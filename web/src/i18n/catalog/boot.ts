@@ -1,5 +1,5 @@
 const en = {
-  boot_title: "Meeting the robot",
+  boot_title: "Connecting to the robot",
   boot_link: "Link",
   boot_handshake: "Handshake",
   boot_telemetry: "Telemetry",
@@ -10,9 +10,9 @@ const en = {
   boot_handshake_done: "answered in {ms} ms",
   boot_telemetry_waiting: "no {what} yet",
   boot_telemetry_done: "{what} arrive",
-  boot_live_waiting: "when every instrument has spoken once",
+  boot_live_waiting: "once every sensor has sent data",
   boot_live_missing: "no {what} yet",
-  boot_live_done: "every instrument has spoken",
+  boot_live_done: "every sensor sends data",
   boot_odometry: "odometry",
   boot_lidar: "lidar",
   boot_battery: "battery",
@@ -22,7 +22,7 @@ const en = {
 };
 
 const nl: Record<keyof typeof en, string> = {
-  boot_title: "Maakt kennis met de robot",
+  boot_title: "Verbindt met de robot",
   boot_link: "Verbinding",
   boot_handshake: "Handdruk",
   boot_telemetry: "Telemetrie",
@@ -33,9 +33,9 @@ const nl: Record<keyof typeof en, string> = {
   boot_handshake_done: "antwoordde in {ms} ms",
   boot_telemetry_waiting: "nog geen {what}",
   boot_telemetry_done: "{what} komen aan",
-  boot_live_waiting: "als elk instrument één keer gesproken heeft",
+  boot_live_waiting: "zodra elke sensor gegevens stuurt",
   boot_live_missing: "nog geen {what}",
-  boot_live_done: "elk instrument heeft gesproken",
+  boot_live_done: "elke sensor stuurt gegevens",
   boot_odometry: "odometrie",
   boot_lidar: "lidar",
   boot_battery: "accu",

@@ -61,7 +61,7 @@ const nl: Record<keyof typeof en, string> = {
   camera_refused_reason: "Geen beelden: {reason}",
   camera_waiting: "Wacht op het eerste beeld van {topic}",
   camera_no_answer: "Geen antwoord van de videoserver voor {topic}",
-  camera_stalled: "Geen nieuw beeld sinds {age}",
+  camera_stalled: "Al {age} geen nieuw beeld",
   camera_retry: "Nieuwe poging over {seconds} s",
   camera_reload: "Opnieuw vragen",
   camera_tag: "Tag {id}  {distance}",

@@ -50,7 +50,7 @@ const nl: Record<keyof typeof en, string> = {
   runs_title: "Runs, deploys en rapporten",
   runs_current: "Deze run",
   runs_none: "Geen run: de console toont een graaf die anders gestart is.",
-  runs_up_for: "actief sinds {age}",
+  runs_up_for: "al {age} actief",
   runs_process: "Proces",
   runs_phase: "Toestand",
   runs_cpu: "CPU",

@@ -1,4 +1,5 @@
 /** The stored runs and the journal of playbooks, as the server lists them. */
+import { fixed } from "@/ui/numbers";
 
 export interface StoredRun {
   id: string;
@@ -50,7 +51,7 @@ export function endedWell(state: string): boolean {
 }
 
 export function megabytes(bytes: number): string {
-  return (bytes / 1e6).toFixed(bytes < 10e6 ? 1 : 0);
+  return fixed(bytes / 1e6, bytes < 10e6 ? 1 : 0);
 }
 
 export function reportPath(run: string): string {

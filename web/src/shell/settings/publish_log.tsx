@@ -1,6 +1,7 @@
 import { useText } from "@/i18n/text";
 import { usePublishLog } from "@/state/publish_log";
 import { Button } from "@/ui/button";
+import { timeOfDay } from "@/ui/numbers";
 
 /** What this page sent last, the newest first. */
 export function PublishLog() {
@@ -23,7 +24,7 @@ export function PublishLog() {
           {publications.map(({ number, topic, text: message, sent, time }) => (
             <li key={number} className="border-b border-line px-3 py-1.5 text-xs last:border-b-0">
               <p className="flex gap-2">
-                <span className="text-text-3 numeric">{time.toLocaleTimeString()}</span>
+                <span className="text-text-3 numeric">{timeOfDay(time)}</span>
                 <span className="min-w-0 truncate font-semibold numeric">{topic}</span>
                 {!sent && <span className="ml-auto shrink-0 text-attention">{text("settings_log_not_sent")}</span>}
               </p>

@@ -2,10 +2,10 @@ import { Ban, CircleCheck, RefreshCw } from "lucide-react";
 import { memo, useCallback, useMemo, useState } from "react";
 import { ask } from "@/api/http";
 import { useAge } from "@/hooks/use_now";
-import { useLanguage, useText } from "@/i18n/text";
+import { useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { UNKNOWN, span } from "@/ui/numbers";
+import { UNKNOWN, span, timeOfDay } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";
 import { ScrollRegion } from "@/widgets/scroll_region";
 import { SearchField } from "./live_view";
@@ -78,9 +78,8 @@ export function JournalView() {
 
 const Entry = memo(function Entry({ row }: { row: JournalRow }) {
   const text = useText();
-  const language = useLanguage((state) => state.language);
   const isRefused = row.refused !== "";
-  const time = Number.isFinite(row.timeMs) ? new Date(row.timeMs).toLocaleTimeString(language, { hourCycle: "h23" }) : UNKNOWN;
+  const time = Number.isFinite(row.timeMs) ? timeOfDay(new Date(row.timeMs)) : UNKNOWN;
   return (
     <li className="grid grid-cols-[auto_minmax(0,1fr)] items-start gap-x-4 border-b border-line px-4 py-2 [content-visibility:auto] [contain-intrinsic-size:auto_44px] md:grid-cols-[6.5rem_9rem_minmax(0,1fr)]">
       <span className="pt-0.5 text-xs text-text-3 numeric">{time}</span>

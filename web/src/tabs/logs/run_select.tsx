@@ -2,8 +2,9 @@ import { useCallback } from "react";
 import { create } from "zustand";
 import { useConsole } from "@/api/console_store";
 import { ask } from "@/api/http";
-import { useLanguage, useText } from "@/i18n/text";
+import { useText } from "@/i18n/text";
 import { cn } from "@/ui/cn";
+import { dayAndTime } from "@/ui/numbers";
 import { FIELD } from "./live_view";
 import { type StoredRun, parseRuns } from "./run_files";
 import { usePolled } from "./use_polled";
@@ -26,7 +27,6 @@ export function useRuns(): { id: string; isUp: boolean; runs: readonly StoredRun
 
 export function RunSelect({ id, runs }: { id: string; runs: readonly StoredRun[] }) {
   const text = useText();
-  const language = useLanguage((state) => state.language);
   const choose = useCallback((next: string) => useChosenRun.setState({ id: next }), []);
   const listed = runs.some((run) => run.id === id) || id === "" ? runs : [{ id, state: "up", startedS: null }, ...runs];
   return (
@@ -34,7 +34,7 @@ export function RunSelect({ id, runs }: { id: string; runs: readonly StoredRun[]
       {listed.length === 0 && <option value="">{text("logs_no_runs")}</option>}
       {listed.map((run) => (
         <option key={run.id} value={run.id}>
-          {[run.id, run.state, run.startedS === null ? "" : new Date(run.startedS * 1000).toLocaleString(language, { dateStyle: "medium", timeStyle: "short", hourCycle: "h23" })].filter(Boolean).join(" · ")}
+          {[run.id, run.state, run.startedS === null ? "" : dayAndTime(new Date(run.startedS * 1000))].filter(Boolean).join(" · ")}
         </option>
       ))}
     </select>

@@ -1,11 +1,11 @@
 import { Bell, CircleAlert, Flag, Footprints, Gamepad2, type LucideIcon, OctagonX, Pause, Radar, Waypoints } from "lucide-react";
 import { useState } from "react";
-import { useLanguage, useText } from "@/i18n/text";
+import { useText } from "@/i18n/text";
 import type { EventKind } from "@/map/events";
 import { type LoggedEvent, useMissionLog } from "@/map/mission_log";
 import { useRewind } from "@/rewind/state";
 import { cn } from "@/ui/cn";
-import { clock } from "@/ui/numbers";
+import { writeMoment } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";
 
 const ICONS: Record<EventKind, LucideIcon> = {
@@ -30,7 +30,6 @@ function passes(event: LoggedEvent, filter: Filter): boolean {
 /** The mission's last events, the newest first. */
 export function EventList() {
   const text = useText();
-  const language = useLanguage((state) => state.language);
   const events = useMissionLog((log) => log.events);
   const [filter, setFilter] = useState<Filter>("all");
   const shownS = useRewind((state) => state.shownS);
@@ -52,21 +51,19 @@ export function EventList() {
       {shown.length === 0 && <p className="px-4 py-2 text-text-2">{text(events.length === 0 ? "mission_events_empty" : "mission_events_none_of_kind")}</p>}
       <ol aria-label={text("mission_events")}>
         {shown.map((event) => (
-          <EventRow key={event.number} event={event} language={language} />
+          <EventRow key={event.number} event={event} />
         ))}
       </ol>
     </div>
   );
 }
 
-function EventRow({ event, language }: { event: LoggedEvent; language: string }) {
+function EventRow({ event }: { event: LoggedEvent }) {
   const text = useText();
   const Icon = ICONS[event.kind];
   return (
     <li className="flex items-baseline gap-3 border-b border-line px-4 py-1.5">
-      <time className="shrink-0 text-xs text-text-3 numeric">
-        {event.timeS > 1e9 ? new Date(event.timeS * 1000).toLocaleTimeString(language) : clock(event.timeS)}
-      </time>
+      <time className="shrink-0 text-xs text-text-3 numeric">{writeMoment(event.timeS)}</time>
       <Icon
         aria-hidden="true"
         className={cn("size-3.5 shrink-0 self-center text-text-3", event.severity === "warn" && "text-attention", event.severity === "error" && "text-stop-text")}

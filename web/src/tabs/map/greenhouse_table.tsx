@@ -90,7 +90,7 @@ function summary(text: Text, tags: readonly Tag[]): string {
     [inState("off_range"), "map_off_range_count"],
     [count((tag) => tag.hasBug), "map_bug_count"],
   ];
-  const all = text(tags.length === 1 ? "map_tag_one" : "map_tag_count", { count: tags.length });
+  const all = text("map_tag_count", { count: tags.length });
   return [all, ...parts.filter(([number]) => number > 0).map(([number, key]) => text(key as "map_bug_count", { count: number }))].join(" · ");
 }
 

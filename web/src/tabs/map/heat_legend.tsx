@@ -21,7 +21,7 @@ export function HeatLegend() {
     <div className="w-56 rounded-md border border-line bg-panel/95 p-3 text-xs text-text-2 max-md:w-44 max-md:p-2">
       <div className="mb-2 flex items-baseline justify-between gap-2">
         <span className="text-sm font-semibold text-text">{text(SENSOR_NAMES[layer])}</span>
-        {field !== null && <span>{text(field.samples === 1 ? "map_heat_sample" : "map_heat_samples", { count: field.samples })}</span>}
+        {field !== null && <span>{text("map_heat_samples", { count: field.samples })}</span>}
       </div>
       {problem !== "" ? (
         <p className="text-attention">{text("map_heat_failed", { reason: problem.slice(0, 120) })}</p>

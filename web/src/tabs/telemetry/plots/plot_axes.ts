@@ -1,4 +1,5 @@
 /** The axes of a plot: ranges, marks and their texts. */
+import { withDecimalMark } from "@/ui/numbers";
 
 /** A difference below this fraction of the value is noise, and is not magnified. */
 const LEAST_SPAN_SHARE = 0.02;
@@ -33,5 +34,5 @@ export function timeLabel(seconds: number): string {
 export function axisNumber(value: number): string {
   const size = Math.abs(value);
   const text = size !== 0 && (size >= 1e5 || size < 1e-3) ? value.toExponential(1) : String(Number(value.toPrecision(5)));
-  return text.replace("-", "\u2212");
+  return withDecimalMark(text.replace("-", "\u2212"));
 }
