@@ -1,5 +1,5 @@
 import { Check, CircleDashed, LoaderCircle } from "lucide-react";
-import { useEffect, useState } from "react";
+import { useCallback, useEffect, useState } from "react";
 import { TOPICS } from "@/generated/graph";
 import { useNow } from "@/hooks/use_now";
 import { useEstop } from "@/hooks/use_situation";
@@ -18,6 +18,7 @@ const KEY = "lupin-booted";
 const SHOWN_AFTER_MS = 2000;
 /** The boot sequence covers the console no longer than this. */
 const WATCHDOG_MS = 8000;
+/** The last tick is seen before the console is. */
 const LINGERS_MS = 500;
 
 const NAMES = { link: "boot_link", handshake: "boot_handshake", telemetry: "boot_telemetry", live: "boot_live" } as const;
@@ -25,14 +26,12 @@ const NAMES = { link: "boot_link", handshake: "boot_handshake", telemetry: "boot
 /** Shows which parts of the robot have answered so far; once per browser session, and only if the start takes long. */
 export function BootSequence() {
   const [isOver, setOver] = useState(wasSeen);
-  return isOver ? null : (
-    <Sequence
-      onEnd={() => {
-        remember();
-        setOver(true);
-      }}
-    />
-  );
+  // Always the same function: another one would begin the wait for its call again.
+  const end = useCallback(() => {
+    remember();
+    setOver(true);
+  }, []);
+  return isOver ? null : <Sequence onEnd={end} />;
 }
 
 function Sequence({ onEnd }: { onEnd: () => void }) {
@@ -40,7 +39,9 @@ function Sequence({ onEnd }: { onEnd: () => void }) {
   const steps = useMilestones();
   const times = useTimes(steps);
   const now = useNow();
-  const live = isLive(steps);
+  // All four were ticked; a link that is lost right then does not bring the screen back.
+  const [live, setLive] = useState(false);
+  if (!live && isLive(steps)) setLive(true);
   const shown = now > SHOWN_AFTER_MS;
 
   useEffect(() => {

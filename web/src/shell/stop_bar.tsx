@@ -62,16 +62,26 @@ export function StopBar() {
       aria-pressed={delivery !== "ready"}
       {...press}
       className={cn(
-        "relative z-60 flex shrink-0 touch-manipulation flex-col items-center justify-between bg-stop py-4 text-white select-none active:bg-stop-deep",
+        "relative z-60 flex shrink-0 touch-manipulation flex-col items-center justify-between py-4 text-white select-none active:bg-stop-deep",
         "focus-visible:outline-4 focus-visible:-outline-offset-6 focus-visible:outline-white",
         "max-md:h-(--stop) max-md:w-full max-md:flex-row max-md:justify-center max-md:gap-4 max-md:px-4 max-md:py-0 md:w-(--stop)",
-        delivery !== "ready" && "bg-stop-deep",
+        // Loudest while the robot is stopped: it must be read from three metres.
+        delivery === "ready" ? "bg-stop-rest" : "bg-stop shadow-[inset_0_0_0_6px_white]",
       )}
     >
-      <span className="text-center text-xs font-semibold max-md:hidden">{text("stop_hint")}</span>
-      <span className="flex flex-col items-center gap-3 max-md:flex-row">
-        <OctagonX aria-hidden="true" className="size-14 max-md:size-9" strokeWidth={1.8} />
-        <span className={cn("text-center text-xl font-extrabold uppercase", delivery === "ready" ? "tracking-wide" : "md:text-lg")}>{text(LABELS[delivery])}</span>
+      <span className="px-2 text-center text-xs font-semibold max-md:hidden">{text("stop_hint")}</span>
+      <span className="flex min-h-0 flex-col items-center gap-3 max-md:flex-row">
+        <OctagonX aria-hidden="true" className="size-14 shrink-0 max-md:size-9" strokeWidth={1.8} />
+        <span
+          className={cn(
+            "text-center font-extrabold uppercase",
+            delivery === "ready" && "text-xl tracking-wide",
+            delivery === "stopped" && "text-[clamp(28px,10.5vw,40px)] leading-none md:rotate-180 md:text-[clamp(44px,9vh,calc(var(--stop)*0.75))] md:[writing-mode:vertical-rl]",
+            delivery !== "ready" && delivery !== "stopped" && "text-xl leading-tight md:px-1.5 md:text-lg",
+          )}
+        >
+          {text(LABELS[delivery])}
+        </span>
       </span>
       <span className="px-2 text-center text-xs font-semibold text-balance max-md:max-w-28 max-md:px-0">{isDoubtful ? text("stop_use_button") : <Heard />}</span>
       <span role="status" className="sr-only">

@@ -50,23 +50,23 @@ export function StoppedBanner() {
       role="status"
       className={cn(
         "flex min-h-14 shrink-0 flex-wrap items-center gap-x-4 gap-y-2 border-b px-4 py-2",
-        stopped ? "border-stop bg-stop-wash" : "border-line bg-panel",
+        stopped ? "border-stop bg-stop text-white" : "border-line bg-panel",
       )}
     >
       <HoldButton onHeld={() => void tryRelease()} disabled={!mayRelease || isRewound} data-testid="release">
         {stopped ? text("hold_to_release") : text("hold_to_start")}
       </HoldButton>
-      <Octagon aria-hidden="true" className={cn("size-6 shrink-0", stopped ? "text-stop-text" : "text-text-3")} />
+      <Octagon aria-hidden="true" className={cn("shrink-0", stopped ? "size-8" : "size-6 text-text-3")} />
       <p className="min-w-0 grow basis-60">
-        <strong className={cn("font-semibold", stopped ? "text-stop-text" : "text-text")}>
+        <strong className={stopped ? "text-lead leading-tight font-bold max-md:text-base" : "font-semibold"}>
           {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : gate.reason === null || gate.reason === "startup" ? text("cannot_drive_yet") : text("can_drive_no", { reason: text(`reason_${gate.reason}`) })}
         </strong>
         {!stopped && (
-          <span aria-hidden="true" className="ml-2 text-text-2 numeric" data-testid="stop-age">
+          <span aria-hidden="true" className="ml-2 text-text-2 tabular-nums" data-testid="stop-age">
             <Age atMs={gate.sinceMs} />
           </span>
         )}
-        <span className="block text-xs text-text-2">
+        <span className={cn("block text-xs", stopped ? "text-white" : "text-text-2")}>
           {problem !== ""
             ? text("release_failed", { reason: problem })
             : mayRelease
@@ -93,9 +93,9 @@ function StopLines({ lines, ownSinceMs }: { lines: readonly StopLine[]; ownSince
       {lines.map((line, index) => (
         <Fragment key={`${line.key ?? line.words} ${line.values["name"] ?? ""}`}>
           {index > 0 ? "; " : line.key !== null && BY.test(line.key) ? " " : ": "}
-          {line.key === null ? line.words : text(line.key, line.values)}
+          {line.key === null ? <span lang="en">{line.words}</span> : text(line.key, line.values)}
           {line.name !== null && (
-            <span aria-hidden="true" className="font-normal text-text-2 numeric" data-testid="stop-age">
+            <span aria-hidden="true" className="font-normal tabular-nums" data-testid="stop-age">
               , {line.ageS === null ? <Age atMs={ownSinceMs} /> : text("ago", { age: span(line.ageS) })}
             </span>
           )}

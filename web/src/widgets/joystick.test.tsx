@@ -28,6 +28,12 @@ describe("a joystick", () => {
 
   afterEach(() => act(() => root.unmount()));
 
+  it("shows what the keys do, and moves nothing by that", () => {
+    act(() => root.render(<Joystick label="move" disabled={false} shown={{ right: 1, up: 0.5 }} onMove={onMove} />));
+    expect(container.querySelector<HTMLElement>("[style]")?.style.transform).toBe("translate(calc(-50% + 106%), calc(-50% + -53%))");
+    expect(onMove).not.toHaveBeenCalled();
+  });
+
   it("moves by the primary button and springs back", () => {
     show(false);
     pointer("pointerdown", 50, 14, 2);

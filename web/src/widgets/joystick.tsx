@@ -6,15 +6,18 @@ interface JoystickProps {
   /** Only left and right. */
   horizontal?: boolean;
   disabled: boolean;
+  /** Where other inputs, such as keys, hold the stick: -1..1 to the right and upwards. */
+  shown?: { right: number; up: number };
   /** -1..1 to the right and upwards; 0, 0 when it is let go. */
   onMove: (right: number, up: number) => void;
   className?: string;
 }
 
 const DEAD_ZONE = 0.06;
+const REST = { right: 0, up: 0 };
 
-/** A stick that springs back. It moves by pointer; the keyboard drives by its own keys. */
-export function Joystick({ label, horizontal = false, disabled, onMove, className }: JoystickProps) {
+/** A stick that springs back. It is moved by the pointer, and shows what other inputs do. */
+export function Joystick({ label, horizontal = false, disabled, shown = REST, onMove, className }: JoystickProps) {
   const pad = useRef<HTMLDivElement>(null);
   const [offset, setOffset] = useState({ x: 0, y: 0 });
   const [held, setHeld] = useState(false);
@@ -51,6 +54,7 @@ export function Joystick({ label, horizontal = false, disabled, onMove, classNam
     onMove(0, 0);
   }
 
+  const knob = held || disabled ? offset : { x: shown.right, y: -shown.up };
   return (
     <div
       ref={pad}
@@ -79,7 +83,7 @@ export function Joystick({ label, horizontal = false, disabled, onMove, classNam
       <span
         aria-hidden="true"
         className={cn("absolute top-1/2 left-1/2 size-[34%] rounded-full", disabled ? "bg-text-3" : "bg-alive", !held && "transition-transform duration-150")}
-        style={{ transform: `translate(calc(-50% + ${offset.x * 106}%), calc(-50% + ${offset.y * 106}%))` }}
+        style={{ transform: `translate(calc(-50% + ${knob.x * 106}%), calc(-50% + ${knob.y * 106}%))` }}
       />
       <span aria-hidden="true" className="absolute inset-x-0 bottom-[9%] text-center text-sm text-text-2">
         {label}

@@ -7,7 +7,7 @@ import { useDriveObstacles, useMissionDrives } from "@/hooks/use_situation";
 import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
 import { driver, useDrive } from "@/robot";
-import type { DriveSource, Velocity } from "@/safety/drive";
+import { type DriveSource, type Velocity, ZERO, isZero } from "@/safety/drive";
 import { showProblem } from "@/state/problems";
 import { MirroredStop } from "@/shell/stop_bar";
 import { changeSettings, useSetting } from "@/state/settings";
@@ -43,8 +43,23 @@ export default function TeleopTab() {
   useEffect(() => {
     if (blocked) driver.letGo();
   }, [blocked]);
-  const moveByKeys = useCallback((share: Velocity) => move("keyboard", share), [move]);
-  const moveByGamepad = useCallback((share: Velocity) => move("gamepad", share), [move]);
+  const [byKeys, setByKeys] = useState(ZERO);
+  const [byGamepad, setByGamepad] = useState(ZERO);
+  const moveByKeys = useCallback(
+    (share: Velocity) => {
+      setByKeys(share);
+      move("keyboard", share);
+    },
+    [move],
+  );
+  const moveByGamepad = useCallback(
+    (share: Velocity) => {
+      setByGamepad((before) => (isZero(before) && isZero(share) ? before : share));
+      move("gamepad", share);
+    },
+    [move],
+  );
+  const shown = isZero(byKeys) ? byGamepad : byKeys;
   useDriveKeys(moveByKeys);
   const gamepad = useGamepad(moveByGamepad);
 
@@ -65,6 +80,7 @@ export default function TeleopTab() {
           <Joystick
             label={text("stick_move")}
             disabled={blocked}
+            shown={{ right: -shown.y, up: shown.x }}
             onMove={(right, up) => move("left-stick", { x: up, y: -right, yaw: 0 })}
             className="w-[min(24vw,15rem)] min-w-36"
           />
@@ -77,6 +93,7 @@ export default function TeleopTab() {
             label={text("stick_turn")}
             horizontal
             disabled={blocked}
+            shown={{ right: -shown.yaw, up: 0 }}
             onMove={(right) => move("right-stick", { x: 0, y: 0, yaw: -right })}
             className="w-[min(24vw,15rem)] min-w-36"
           />
