@@ -6,12 +6,13 @@ import type { nav_msgs_Odometry } from "@/generated/messages";
 import { type TextKey, useText } from "@/i18n/text";
 import type { Sample } from "@/ros/topics";
 import { useIsRewound } from "@/rewind/state";
-import { useGate, useLink } from "@/robot";
+import { gate as stopGate, useGate, useLink } from "@/robot";
 import { useTabRole } from "@/safety/commanding_tab";
 import { type DriveFacts, type Reason, driveAnswer, driveObstacles, motionObstacles, parseDriveStatus, parseEstopReasons, relocationObstacles } from "@/state/can_drive";
 import { MISSION_STALE_MS } from "@/state/mission_age";
 import { type Sentence, isActive, sentence } from "@/state/sentence";
 import { useSetting } from "@/state/settings";
+import { stopLines } from "@/state/stop_reasons";
 import { type Wheels, type WheelsReading, nextReading, wheelsAt } from "@/state/wheels";
 import { useNow, useTimeValue } from "./use_now";
 import { useSamples, useTopic, useTopics } from "./use_topic";
@@ -167,6 +168,8 @@ function useDriveFacts(): DriveFacts {
   const bus = useDriveStatus();
   const isRewound = useIsRewound();
   const isWatching = useTabRole(({ role }) => role === "watching");
+  const own = gate.isStated && gate.reason !== null ? { press: stopGate.press, key: `reason_${gate.reason}` as const, ageS: null } : null;
+  const stops = stopLines({ own, name: server.session?.name ?? "", server: server.stop, robot: estop.reasons });
   return {
     linkOpen,
     isRewound,
@@ -175,7 +178,7 @@ function useDriveFacts(): DriveFacts {
     holder: server.control.holder,
     inControl: hasControl(server),
     gateReason: gate.engaged && gate.reason !== null ? text(`reason_${gate.reason}`) : null,
-    estopReasons: estop.engaged === true ? (estop.reasons.length > 0 ? estop.reasons : [text("is_stopped")]) : [],
+    estopReasons: estop.engaged !== true ? [] : stops.length > 0 ? stops.map(({ key, values, words }) => (key === null ? words : text(key, values))) : [text("is_stopped")],
     missionDrives,
     isMissionSilent,
     navigates,

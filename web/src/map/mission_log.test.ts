@@ -2,7 +2,7 @@
 import { describe, expect, it } from "vitest";
 import type { PastState } from "@/api/history";
 import { consoleEvent } from "./events";
-import { StateEvents } from "./mission_log";
+import { type LoggedEvent, StateEvents, collapseEvents } from "./mission_log";
 
 const state = (sec: number, paused: boolean): PastState => ({
   header: { stamp: { sec, nanosec: 0 } },
@@ -39,5 +39,20 @@ describe("an event of the console", () => {
 
   it("of a newer server is shown in its words", () => {
     expect(event("control_new").text).toEqual({ raw: "control_new phone-1 laptop-1" });
+  });
+});
+
+const logged = (number: number, flowers: number): LoggedEvent => ({
+  number,
+  kind: "observation",
+  timeS: number,
+  severity: "info",
+  text: { key: "mission_event_flowers", values: { tag: "4", flowers } },
+});
+
+describe("events in a row", () => {
+  it("that say the same are one with a count", () => {
+    const rows = collapseEvents([logged(5, 2), logged(4, 3), logged(3, 3), logged(2, 3), logged(1, 2)]);
+    expect(rows.map(({ event: { number }, count }) => [number, count])).toEqual([[5, 1], [4, 3], [1, 1]]);
   });
 });

@@ -14,6 +14,23 @@ export interface LoggedEvent extends MissionEvent {
   number: number;
 }
 
+/** An event, and how often it came in a row; it is the newest of them. */
+export interface RepeatedEvent {
+  event: LoggedEvent;
+  count: number;
+}
+
+/** Events in a row of the same kind and text as one. */
+export function collapseEvents(events: readonly LoggedEvent[]): RepeatedEvent[] {
+  const rows: RepeatedEvent[] = [];
+  for (const event of events) {
+    const last = rows.at(-1);
+    if (last !== undefined && last.event.kind === event.kind && JSON.stringify(last.event.text) === JSON.stringify(event.text)) last.count += 1;
+    else rows.push({ event, count: 1 });
+  }
+  return rows;
+}
+
 interface MissionLog {
   /** The newest one first. */
   events: LoggedEvent[];

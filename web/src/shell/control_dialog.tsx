@@ -99,7 +99,7 @@ function BrowserList({ browsers, session, control }: ConsoleState) {
       <ul className="flex max-h-48 flex-col gap-1 overflow-y-auto" data-testid="browsers">
         {browsers.map(({ name, role }) => (
           <li key={name} className="flex items-baseline justify-between gap-4">
-            <span className={cn("truncate", name === control.holder && "font-semibold")}>
+            <span className={cn("min-w-0 wrap-anywhere", name === control.holder && "font-semibold")}>
               {name} {name === session?.name && <span className="text-text-3">({text("this_browser")})</span>}
             </span>
             <span className="shrink-0 text-sm text-text-2">

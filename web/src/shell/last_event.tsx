@@ -4,5 +4,5 @@ import { useMission } from "@/hooks/use_situation";
 export function LastEvent() {
   const mission = useMission();
   if (mission === null || mission.last_event === "") return null;
-  return <p className="min-w-0 truncate text-text-2 max-lg:hidden">{mission.last_event}</p>;
+  return <p lang="en" className="min-w-0 truncate text-text-2 max-lg:hidden">{mission.last_event}</p>;
 }

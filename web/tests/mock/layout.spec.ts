@@ -1,4 +1,5 @@
 import { expect, test } from "@playwright/test";
+import { expectReadable, openIn } from "../support/language";
 import { TABS, openMock } from "../support/page";
 
 for (const width of [390, 768, 1440, 1920]) {
@@ -59,6 +60,14 @@ test("both languages have every tab", async ({ page }) => {
   await page.getByText("Nederlands").click();
   await page.keyboard.press("Escape");
   await expect(page.locator("#tab-map:visible")).toContainText("Kaart");
+});
+
+// Every tab and dialog, in both languages: language.spec.ts.
+test("a stopped phone in Dutch shows no English text, and none that is cut off", async ({ page }) => {
+  await page.setViewportSize({ width: 390, height: 844 });
+  await openIn(page, "nl", "telemetry", "state=stopped");
+  await expect(page.getByTestId("stop")).toContainText("Gestopt");
+  await expectReadable(page, "nl", "telemetry");
 });
 
 for (const width of [390, 768, 900, 1023, 1024, 1280]) {

@@ -68,7 +68,7 @@ export function SequencesPanel({ reading, state, isBlocked }: SequencesPanelProp
         <ul className="-mx-2 min-h-0 grow overflow-y-auto">
           {sequences.map((sequence) => (
             <li key={sequence.name} className="flex items-center gap-2 rounded-md px-2 hover:bg-raised">
-              <p className="min-w-0 grow truncate">
+              <p className="min-w-0 grow wrap-anywhere">
                 <span className="font-semibold">{sequence.name}</span>
                 <span className="ml-2 text-xs text-text-3">
                   <span className="numeric">{span(sequence.durationS / speed)}</span> · {text("arm_points", { count: sequence.waypoints })}

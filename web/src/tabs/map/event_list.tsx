@@ -2,7 +2,7 @@ import { Bell, CircleAlert, Flag, Footprints, Gamepad2, type LucideIcon, Octagon
 import { useState } from "react";
 import { useText } from "@/i18n/text";
 import type { EventKind } from "@/map/events";
-import { type LoggedEvent, useMissionLog } from "@/map/mission_log";
+import { type LoggedEvent, collapseEvents, useMissionLog } from "@/map/mission_log";
 import { useRewind } from "@/rewind/state";
 import { cn } from "@/ui/cn";
 import { writeMoment } from "@/ui/numbers";
@@ -50,15 +50,15 @@ export function EventList() {
       </div>
       {shown.length === 0 && <p className="px-4 py-2 text-text-2">{text(events.length === 0 ? "mission_events_empty" : "mission_events_none_of_kind")}</p>}
       <ol aria-label={text("mission_events")}>
-        {shown.map((event) => (
-          <EventRow key={event.number} event={event} />
+        {collapseEvents(shown).map(({ event, count }) => (
+          <EventRow key={event.number} event={event} count={count} />
         ))}
       </ol>
     </div>
   );
 }
 
-function EventRow({ event }: { event: LoggedEvent }) {
+function EventRow({ event, count }: { event: LoggedEvent; count: number }) {
   const text = useText();
   const Icon = ICONS[event.kind];
   return (
@@ -69,7 +69,8 @@ function EventRow({ event }: { event: LoggedEvent }) {
         className={cn("size-3.5 shrink-0 self-center text-text-3", event.severity === "warn" && "text-attention", event.severity === "error" && "text-stop-text")}
       />
       <span className={cn("min-w-0 grow break-words", event.severity === "error" && "text-stop-text")}>
-        {"key" in event.text ? text(event.text.key, event.text.values) : event.text.raw.slice(0, 300)}
+        {"key" in event.text ? text(event.text.key, event.text.values) : <span lang="en">{event.text.raw.slice(0, 300)}</span>}
+        {count > 1 && <span className="ml-2 text-text-3 tabular-nums">× {count}</span>}
       </span>
       <span className="shrink-0 text-xs text-text-3">{text(`mission_kind_${event.kind}`)}</span>
     </li>

@@ -38,7 +38,7 @@ export const TransitLine = memo(function TransitLine({ stops, tags, startedS, is
       {stops.map((stop, index) => (
         <Station
           key={`${index} ${stop.tag}`}
-          label={stop.tag === "" ? "…" : stop.tag}
+          label={stop.tag === "" ? String(index + 1) : stop.tag}
           note={noteOf(text, stop, tags, startedS, isPaused)}
           isCurrent={stop.state === "current"}
           isAhead={stop.state === "next" || stop.state === "open"}

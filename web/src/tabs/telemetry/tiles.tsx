@@ -36,7 +36,7 @@ function Tile({ title, value, unit, source, freshness, tone, children }: TilePro
   const isStale = freshness?.isStale === true;
   return (
     <section aria-label={title} className={cn("panel flex min-w-0 flex-col px-4 py-3", isStale && "hatched")}>
-      <h2 className="truncate text-sm font-semibold text-text-2">{title}</h2>
+      <h2 className="text-sm font-semibold text-text-2">{title}</h2>
       <p
         className={cn(
           "flex items-baseline gap-1.5 text-2xl leading-tight font-bold whitespace-nowrap tabular-nums slashed-zero max-md:text-xl",
@@ -47,7 +47,7 @@ function Tile({ title, value, unit, source, freshness, tone, children }: TilePro
         <span>{value}</span>
         <span className="text-base font-normal text-text-3">{unit}</span>
       </p>
-      <p className={cn("truncate text-xs", isStale ? "text-attention" : "text-text-3")}>
+      <p className={cn("line-clamp-2 text-xs leading-tight wrap-anywhere", isStale ? "text-attention" : "text-text-3")}>
         {isStale ? text("telemetry_silent", { age: span(freshness?.age) }) : isEmpty ? text("telemetry_nothing_yet", { source }) : source}
       </p>
       {children}
