@@ -157,10 +157,10 @@ function ControlPill() {
         )}
       >
         <Icon aria-hidden="true" className={cn("size-4 shrink-0", isStale ? "text-text-3" : mine ? "text-alive" : holder !== null ? "text-attention" : "text-text-3")} />
-        <span aria-hidden="true" className="max-w-16 truncate text-xs font-semibold md:hidden" data-testid="control-short">
+        <span aria-hidden="true" className="max-w-16 truncate text-xs font-semibold md:max-w-28 lg:hidden" data-testid="control-short">
           {short}
         </span>
-        <span className="max-md:sr-only">
+        <span className="max-lg:sr-only">
           <span className="block text-sm leading-tight font-semibold">{label}</span>
           {since !== null && <span className="block text-xs leading-tight text-text-3 numeric max-lg:hidden">{text("control_since", { time: since })}</span>}
         </span>
