@@ -23,6 +23,7 @@ from lupin_cli.connection.options import (
     ask_sudo_passwords,
     complete_robots,
     destinations,
+    exit_code_of,
     find_robot,
     for_each_robot,
     known_hosts_of,
@@ -60,20 +61,29 @@ def list_robots(config: CONFIG = None, as_json: _JSON = False) -> None:
         robots = list(inventory.robots.values()) or [STOCK_ROBOT]
         known_hosts = known_hosts_of(inventory)
         rows: list[dict[str, Any]] = []
+        codes = [SUCCESS]
         for robot in robots:
-            places = destinations(robot)
-            rows.append(
-                {
-                    "name": robot.name,
-                    "user": next(iter(places.values())).user,
-                    "addresses": dict(robot.addresses),
-                    "default": robot.name == inventory.default_robot or len(robots) == 1,
-                    "host_key_accepted": any(known_hosts.key_types(robot.name, place) for place in places.values()),
-                }
-            )
+            row: dict[str, Any] = {
+                "name": robot.name,
+                "user": robot.user,
+                "addresses": dict(robot.addresses),
+                "default": robot.name == inventory.default_robot or len(robots) == 1,
+                "destinations": {},
+                "host_key_accepted": False,
+            }
+            try:
+                places = destinations(robot)
+                row["user"] = next(iter(places.values())).user
+                row["destinations"] = {transport: place.with_way for transport, place in places.items()}
+                row["host_key_accepted"] = any(known_hosts.key_types(robot.name, place) for place in places.values())
+            except TargetError as error:  # the others are listed all the same
+                print_error("robots", error)
+                codes.append(exit_code_of(error))
+                row["error"] = str(error)
+            rows.append(row)
     if as_json:
         print(json.dumps({"path": str(inventory.path), "robots": rows}))
-        return
+        raise typer.Exit(worst(codes))
     cells = []
     for row in rows:
         addresses = ", ".join(f"{transport} {address}" for transport, address in row["addresses"].items())
@@ -83,6 +93,7 @@ def list_robots(config: CONFIG = None, as_json: _JSON = False) -> None:
     if not inventory.robots:
         echo(f"{inventory.path} has no robots; the one shown is a robot as delivered. Add yours:")
         echo(f"  {ADD_EXAMPLE}", wrap=False)
+    raise typer.Exit(worst(codes))
 
 
 @app.command()

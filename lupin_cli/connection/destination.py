@@ -1,29 +1,17 @@
-"""Where a connection goes: an address of the inventory, completed by ~/.ssh/config."""
+"""Where a connection goes: an address of the inventory, completed by the SSH configuration."""
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import functools
-import getpass
-import glob
+import os
 import re
-import threading
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from lupin_cli.connection import ssh_client
 from lupin_cli.connection.base import SshConfigUnusable
+from lupin_cli.connection.ssh_config import expand, expand_path, expand_tilde, parse_hop, tokens_of
 from lupin_cli.printed_commands import ssh
-from lupin_runtime.bounded_file import expand_home, read_bounded_text
 
-if TYPE_CHECKING:
-    import paramiko
-
-_parse_lock = threading.Lock()  # threads that connect to several robots parse the file once
-_INCLUDE = re.compile(r"^\s*include[\s=]+(.+?)\s*$", re.IGNORECASE)
-MAX_CONFIG_LINES = 20_000  # with all includes, which may multiply
-_INCLUDE_DEPTH = 8  # OpenSSH stops at 16; a limit stops a file that includes itself
 _DESTINATION = re.compile(
     r"^(?:(?P<user>[^@\s]+)@)?(?P<host>\[[0-9A-Fa-f:.]+(?:%[^\]\s]+)?\]|[^@:\s]+)(?::(?P<port>\d{1,5}))?$"
 )
@@ -40,11 +28,24 @@ class Destination:
     identities_only: bool = False
     jumps: tuple[Destination, ...] = ()  # in the order in which they are passed
     proxy_command: str = ""
-    original_host: str = ""  # as the inventory or a command line names it, before ~/.ssh/config replaced it
+    original_host: str = ""  # as the inventory or a command line names it, before HostName replaced it
+    certificate_files: tuple[str, ...] = ()
+    identity_agent: str = ""  # a socket, none, SSH_AUTH_SOCK or $VARIABLE; empty is the same as SSH_AUTH_SOCK
+    host_key_alias: str = ""
+    user_known_hosts: tuple[str, ...] = ()
+    global_known_hosts: tuple[str, ...] = ()
+    revoked_host_keys: str = ""
+    asks_for_host_keys: bool = True  # False: StrictHostKeyChecking yes
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.user}@{host}" + (f":{self.port}" if self.port != 22 else "")
+
+    @property
+    def with_way(self) -> str:
+        """The destination and what leads to it, for people."""
+        way = ", ".join(map(str, self.jumps)) or self.proxy_command
+        return f"{self} through {way}" if way else str(self)
 
     @property
     def login_command(self) -> str:
@@ -68,92 +69,63 @@ def parse_destination(text: str) -> tuple[str, str, int]:
 def resolve(
     host: str, user: str = "", port: int = 0, *, default_user: str = "", config_path: Path | None = None
 ) -> Destination:
-    """Return the destination for `host`, which may be an alias of ~/.ssh/config. `user` and `port` override that file.
+    """Return the destination for `host`, which may be an alias of the SSH configuration. `user` and `port` override that.
 
-    If neither names a user, it is `default_user`, or else the user who runs Lupin. Raises SshConfigUnusable for a file that
-    cannot be read or applied.
+    If neither names a user, it is `default_user`, or else the user who runs Lupin. `config_path` replaces the files of the user
+    and of the system. Raises SshConfigUnusable for a configuration that ssh refuses.
     """
-    path = Path("~/.ssh/config").expanduser() if config_path is None else config_path
-    try:
-        lines: list[str] = []
-        _add_lines(path, 0, lines)
-    except OSError as error:
-        raise _unreadable(path, error) from error
-    with _parse_lock:
-        config = _ssh_config(path, "\n".join(lines))
-    found = _look_up(config, host, user, port, ())
-    return found if found.user else replace(found, user=default_user or getpass.getuser())
+    return _resolve(host, user, port, "", default_user, config_path, ())
 
 
-def _look_up(config: paramiko.SSHConfig, host: str, user: str, port: int, jumping_from: tuple[str, ...]) -> Destination:
-    import paramiko
+def _resolve(
+    host: str, user: str, port: int, earlier: str, default_user: str, path: Path | None, jumping_from: tuple[str, ...]
+) -> Destination:
+    """Resolve `host`, to which the hops `earlier` lead; without any, its own ProxyJump or ProxyCommand does, as with ssh."""
+    answer = ssh_client.resolve(host, user, port, jumps=earlier, default_user=default_user, path=path)
 
-    try:
-        entry = config.lookup(host)
-        port = port or int(entry.get("port", 22))
-    except (
-        paramiko.SSHException,
-        ImportError,
-        ValueError,
-        LookupError,
-        OSError,
-    ) as error:  # Match exec, CanonicalizeHostname, a bad port
-        raise SshConfigUnusable(f"~/.ssh/config cannot be applied to {host}: {error}", f"ssh -G {host}") from error
-    jumps: tuple[Destination, ...] = ()
-    jump = entry.get("proxyjump", "none")
-    if jump.lower() != "none":
-        if host in jumping_from:
-            raise SshConfigUnusable(f"~/.ssh/config jumps in a circle: {' -> '.join([*jumping_from, host])}", f"ssh -G {host}")
-        for hop in jump.split(","):
-            try:
-                hop_user, hop_host, hop_port = parse_destination(hop.strip().removeprefix("ssh://"))
-            except ValueError as error:
-                raise SshConfigUnusable(f"~/.ssh/config has a bad ProxyJump for {host}: {error}", f"ssh -G {host}") from error
-            found = _look_up(config, hop_host, hop_user, hop_port, (*jumping_from, host))
-            jumps += (*found.jumps, found if found.user else replace(found, user=getpass.getuser()))
-    proxy_command = entry.get("proxycommand") or "none"  # paramiko gives None for "ProxyCommand none"
-    return Destination(
-        host=entry.get("hostname", host),
-        port=port,
-        user=user or entry.get("user", ""),
-        identity_files=tuple(str(expand_home(name)) for name in entry.get("identityfile", ())),
-        identities_only=entry.get("identitiesonly", "no").lower() == "yes",
-        jumps=jumps,
-        proxy_command="" if jumps or proxy_command.lower() == "none" else proxy_command,
+    def first(keyword: str) -> str:
+        value = next(iter(answer.get(keyword, ())), "")
+        return "" if value.lower() == "none" and keyword.startswith(("proxy", "revoked")) else value
+
+    home = Path(os.environ.get("HOME") or Path.home())
+    found = Destination(
+        host=first("hostname"),
+        port=int(first("port") or 22),
+        user=first("user"),
+        identities_only=first("identitiesonly") == "yes",
         original_host=host,
+        host_key_alias=first("hostkeyalias"),
+        identity_agent=first("identityagent"),
+        user_known_hosts=_files(answer, "userknownhostsfile", home),
+        global_known_hosts=_files(answer, "globalknownhostsfile", home),
+        revoked_host_keys=first("revokedhostkeys") and expand_tilde(first("revokedhostkeys"), home),
+        asks_for_host_keys=first("stricthostkeychecking") not in ("yes", "true"),
     )
-
-
-@functools.lru_cache(maxsize=1)
-def _ssh_config(path: Path, text: str) -> paramiko.SSHConfig:
-    import paramiko
-
+    tokens = tokens_of(found.host, host, found.user, found.port, found.host_key_alias, home)
     try:
-        return paramiko.SSHConfig.from_text(text)
-    except (paramiko.SSHException, ValueError, LookupError) as error:  # its parser raises the latter for quotes and words
-        raise _unreadable(path, error) from error
+        identities, certificates = (
+            tuple(expand_path(each, tokens, home) for each in answer.get(keyword, ()) if each.lower() != "none")
+            for keyword in ("identityfile", "certificatefile")
+        )
+        found = replace(found, identity_files=identities, certificate_files=certificates)
+        if earlier:
+            return found
+        if not (jump := first("proxyjump")):
+            return replace(found, proxy_command=expand(first("proxycommand"), tokens))
+        if host in jumping_from:
+            circle = " -> ".join([*jumping_from, host])
+            raise SshConfigUnusable(f"the SSH configuration jumps in a circle: {circle}", f"ssh -G {host}")
+        hops = expand(jump, tokens).split(",")
+        parsed = [parse_hop(hop) for hop in hops]
+    except ValueError as error:
+        raise SshConfigUnusable(f"{host} cannot be resolved: {error}", f"ssh -G {host}") from error
+    jumps: tuple[Destination, ...] = ()
+    for number, (hop_user, hop_host, hop_port) in enumerate(parsed):
+        through = ",".join(hops[:number])
+        hop = _resolve(hop_host, hop_user, hop_port, through, "", path, (*jumping_from, host))
+        jumps += (*hop.jumps, replace(hop, jumps=()))
+    return replace(found, jumps=jumps)
 
 
-def _unreadable(path: Path, error: Exception) -> SshConfigUnusable:
-    return SshConfigUnusable(f"{path} cannot be read: {error}", f"ssh -F {path} -G localhost")
-
-
-def _add_lines(path: Path, depth: int, lines: list[str]) -> None:
-    """Add the lines of an ssh_config with its includes inserted, because paramiko ignores Include. Raises OSError."""
-    try:
-        text = read_bounded_text(path, errors="replace")
-    except FileNotFoundError:
-        return
-    for line in text.splitlines():
-        found = _INCLUDE.match(line)
-        if found is None:
-            if len(lines) >= MAX_CONFIG_LINES:
-                raise OSError(errno.EFBIG, f"has more than {MAX_CONFIG_LINES} lines with its includes", str(path))
-            lines.append(line)
-        elif depth < _INCLUDE_DEPTH:
-            for pattern in found[1].split():
-                pattern = pattern.strip('"')
-                included = expand_home(pattern) if pattern.startswith("~") else path.parent / pattern
-                with contextlib.suppress(ValueError):  # a pattern with NUL matches nothing
-                    for name in sorted(glob.glob(str(included))):  # noqa: PTH207 - the pattern is absolute
-                        _add_lines(Path(name), depth + 1, lines)
+def _files(answer: ssh_client.Answer, keyword: str, home: Path) -> tuple[str, ...]:
+    return tuple(expand_tilde(each, home) for each in answer.get(keyword, ()) if each.lower() != "none")

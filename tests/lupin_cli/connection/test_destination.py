@@ -84,13 +84,14 @@ def test_circular_proxy_jump_is_refused(tmp_path: Path) -> None:
 
 def test_jump_of_every_host_jumps_in_a_circle(tmp_path: Path) -> None:
     (tmp_path / "config").write_text("Host *\n  ProxyJump nobody@10.42.0.138\n")
-    with pytest.raises(SshConfigUnusable, match=r"10\.42\.0\.1 -> 10\.42\.0\.138"):
+    with pytest.raises(SshConfigUnusable, match=r"config: jumphost loop via 10\.42\.0\.138"):
         resolve("10.42.0.1", config_path=tmp_path / "config")
 
 
-def test_config_that_includes_itself_is_read(tmp_path: Path) -> None:
+def test_config_that_includes_itself_is_refused(tmp_path: Path) -> None:
     (tmp_path / "config").write_text(f"Include {tmp_path}/config\nHost a\n Port 7\n")
-    assert resolve("a", config_path=tmp_path / "config").port == 7
+    with pytest.raises(SshConfigUnusable, match="config: Too many recursive"):
+        resolve("a", config_path=tmp_path / "config")
 
 
 DIRECTIVES = st.sampled_from(
@@ -127,9 +128,7 @@ def test_resolve_changes_only_what_directives_name(tmp_path: Path, lines: list[s
     found = resolve("pot-1", "mirte", 22022, config_path=config)
     assert (found.user, found.port, found.original_host) == ("mirte", 22022, "pot-1")  # arguments win over the file
     if not any(line.strip().lower().startswith(("hostname", "proxy", "match")) for line in read):
-        assert replace(found, identity_files=(), identities_only=False) == Destination(
-            "pot-1", 22022, "mirte", original_host="pot-1"
-        )
+        assert (found.host, found.jumps, found.proxy_command) == ("pot-1", (), "")
 
 
 @pytest.mark.parametrize(

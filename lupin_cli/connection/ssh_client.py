@@ -1,0 +1,247 @@
+"""What OpenSSH itself says of a host: `ssh -G` reads the configuration, by its own rules, in 5 to 10 ms.
+
+In three cases ssh reads copies of the files, in which each line keeps its number: `ssh` takes the home folder from the
+password file, Lupin from $HOME; a host without a User has the robot's default user, not the name of this one; and lines of a
+later OpenSSH, for which an older client refuses everything, are left out and named.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import getpass
+import os
+import pwd
+import re
+import shlex
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lupin_cli.connection import ssh_config
+from lupin_cli.connection.base import SshConfigUnusable
+from lupin_cli.connection.ssh_config import ConfigError
+from lupin_cli.terminal import echo
+
+TIMEOUT_S = 6.0  # of one `ssh -G`; a Match exec may run any program
+MAX_FILES = 500  # of a configuration, with its includes
+
+Answer = Mapping[str, Sequence[str]]
+
+
+@dataclass(frozen=True)
+class _Question:
+    host: str
+    user: str
+    port: int
+    jumps: str  # hops on the way to this one, which override its own
+    default_user: str
+    file: Path
+    with_system: bool
+    home: Path
+
+    @property
+    def next_command(self) -> str:
+        """What shows the answer, or the refusal, of ssh."""
+        option = "" if self.with_system and _is_home_of_ssh(self.home) else f"-F {shlex.quote(str(self.file))} "
+        return f"ssh {option}-G {shlex.quote(self.host)}"
+
+    def refused(self, cause: str) -> SshConfigUnusable:
+        return SshConfigUnusable(f"{self.host} cannot be resolved: {cause}", self.next_command)
+
+
+def resolve(
+    host: str, user: str = "", port: int = 0, *, jumps: str = "", default_user: str = "", path: Path | None = None
+) -> Answer:
+    """Return the options for `host` by keyword, as `ssh -G` prints them. `user`, `port` and `jumps` override the files.
+
+    `path` replaces the user's file and that of the system. An answer is kept until that file changes. Raises SshConfigUnusable.
+    """
+    home = Path(os.environ.get("HOME") or Path.home())
+    file = home / ".ssh/config" if path is None else path
+    stamp = None
+    with contextlib.suppress(OSError, ValueError):
+        status = file.stat()
+        stamp = (status.st_mtime_ns, status.st_size)
+    question = _Question(host, user, port, jumps, default_user or getpass.getuser(), file, path is None, home)
+    return _answer(question, stamp, shutil.which("ssh"))
+
+
+@functools.lru_cache(maxsize=256)
+def _answer(question: _Question, _stamp: object, ssh: str | None) -> Answer:
+    try:
+        if ssh is not None:
+            return _ask(question, ssh)
+        if question.file.exists() or ssh_config.SYSTEM_CONFIG.exists():
+            _say_once("ssh is not installed: Lupin reads the SSH configuration itself; apt install openssh-client")
+        system = ssh_config.SYSTEM_CONFIG if question.with_system else None
+        return ssh_config.read(
+            *(question.host, question.user, question.port, question.file, system, question.home, _say_once),
+            default_user=question.default_user,
+        )
+    except (ConfigError, OSError) as error:
+        raise question.refused(str(error)) from error
+
+
+def _ask(question: _Question, ssh: str) -> Answer:
+    """Ask ssh, with the files themselves if it reads the same ones; else, or if it needs the help of copies, with those."""
+    user = ["-l", question.user] if question.user else []
+    port = ["-p", str(question.port)] if question.port else []
+    jumps = ["-J", question.jumps] if question.jumps else []
+    words = [*user, *port, *jumps, "--", question.host]
+    if question.with_system and _is_home_of_ssh(question.home):
+        printed, _ = _run([ssh, "-G", *words])
+        answer = _parse(printed or "")
+        # A user that is this machine's may be one that no file names.
+        if answer and (question.user or answer["user"] != [getpass.getuser()] or question.default_user == getpass.getuser()):
+            return answer
+    left_out: set[str] = set()
+    while True:
+        with tempfile.TemporaryDirectory(prefix="lupin-ssh-") as folder:
+            copies = _Copies(Path(folder), question, left_out)
+            printed, complaint = _run([ssh, "-G", "-F", str(copies.write_top()), *words])
+        if answer := _parse(printed or ""):
+            return answer
+        if printed is None:
+            raise question.refused(f"ssh -G did not answer within {TIMEOUT_S:g} s; a Match exec may wait for something")
+        newer = set(re.findall(r"Unsupported Match attribute (\S+)", complaint))
+        newer |= {*re.findall(r"Bad configuration option: (\S+)", complaint)} & ssh_config.NEWER_OPTIONS
+        if not newer - left_out:
+            cause = copies.original(_cause(complaint))
+            raise question.refused(cause if cause.startswith("/") else f"{question.file}: {cause}")
+        left_out |= newer
+
+
+def _is_home_of_ssh(home: Path) -> bool:
+    try:
+        return os.path.realpath(pwd.getpwuid(os.getuid()).pw_dir) == os.path.realpath(home)
+    except KeyError:  # no such user, as in some containers: ssh refuses to run
+        return False
+
+
+def _run(command: Sequence[str]) -> tuple[str | None, str]:
+    """Return what ssh prints on its two streams: the first is None if it did not end in time, and empty if it refused."""
+    done = ssh_config.run_bounded(command, TIMEOUT_S)
+    if done is None:
+        return None, ""
+    return (done.stdout if done.returncode == 0 else ""), done.stderr
+
+
+def _parse(printed: str) -> dict[str, list[str]]:
+    answer: dict[str, list[str]] = {}
+    for line in printed.split("\n"):
+        keyword, _, value = line.partition(" ")
+        if value:
+            answer.setdefault(keyword, []).append(value)
+    for keyword in ("userknownhostsfile", "globalknownhostsfile"):
+        answer[keyword] = _split_paths(*answer.get(keyword, ["none"]))
+    return answer if "hostname" in answer else {}
+
+
+def _split_paths(text: str) -> list[str]:
+    """Split paths that ssh prints without quotation marks: a blank belongs to a path if there is such a file."""
+    words, paths = text.split(" "), []
+    while words:
+        count = next((n for n in range(len(words), 1, -1) if Path(" ".join(words[:n])).exists()), 1)
+        paths.append(" ".join(words[:count]))
+        del words[:count]
+    return paths
+
+
+def _cause(complaint: str) -> str:
+    """Return what ssh complains of, in one line, as FILE:LINE: CAUSE."""
+    lines = [line.strip() for line in complaint.splitlines()]
+    causes = [line for line in lines if line and "terminating, " not in line and not line.startswith("Pseudo-terminal")]
+    located = [re.sub(r"^(\S.*?):? line (\d+): ", r"\1:\2: ", line) for line in causes]
+    located.sort(key=lambda line: re.match(r".*:\d+: ", line) is None)  # the place before its reason
+    return "; ".join(dict.fromkeys(located)) or "ssh -G ends without an answer"
+
+
+class _Copies:
+    """Copies of the configuration files: paths below $HOME instead of ~, and without lines that this ssh does not know."""
+
+    def __init__(self, folder: Path, question: _Question, left_out: set[str]) -> None:
+        self._folder, self._question, self._left_out = folder, question, left_out
+        self._names: dict[Path, Path] = {}
+
+    def write_top(self) -> Path:
+        """Write the file for `ssh -F`: the user's, the system's, then Lupin's defaults. Raises ConfigError."""
+        question = self._question
+        lines = [f"Include {self._copy(question.file, question.file.parent, checked=question.with_system)}"]
+        if question.with_system:
+            lines.append(f"Include {self._copy(ssh_config.SYSTEM_CONFIG, ssh_config.SYSTEM_CONFIG.parent, checked=False)}")
+        files = (ssh_config.expand_tilde(each, question.home) for each in ssh_config.DEFAULT_USER_KNOWN_HOSTS)
+        lines += [
+            "Host *",
+            f"User {_quoted(question.default_user)}",
+            f"UserKnownHostsFile {' '.join(_quoted(each.replace('%', '%%')) for each in files)}",
+        ]
+        top = self._folder / "top"
+        top.write_text("\n".join([*lines, ""]), "utf-8", "surrogateescape")
+        return top
+
+    def original(self, text: str) -> str:
+        """Return a complaint about copies as one about the files themselves."""
+        for path, copy in sorted(self._names.items(), key=lambda item: -len(str(item[1]))):
+            text = text.replace(str(copy), str(path))
+        return text
+
+    def _copy(self, path: Path, folder: Path, *, checked: bool) -> Path:
+        """Return the copy of a file, which is made once: one that includes itself is left to ssh to refuse."""
+        if path in self._names:
+            return self._names[path]
+        if len(self._names) >= MAX_FILES:
+            raise ConfigError(f"{path}: more than {MAX_FILES} files with all includes")
+        copy = self._names[path] = self._folder / f"copy-{len(self._names)}-"
+        text = ssh_config.read_config_file(path, checked=checked) or ""
+        lines = [self._line(line, f"{path}:{number}", folder) for number, line in enumerate(text.split("\n"), 1)]
+        copy.write_text("\n".join(lines), "utf-8", "surrogateescape", newline="\n")
+        copy.chmod(0o600)
+        return copy
+
+    def _line(self, line: str, where: str, folder: Path) -> str:
+        keyword, rest = ssh_config.split_line(line)
+        if keyword in self._left_out:
+            _say_once(f"{where}: the option {keyword} is of a later OpenSSH than the one here; it is left out")
+            return ""
+        if keyword == "match" and (unknown := self._left_out & _criteria(rest)):
+            _say_once(f"{where}: the Match criterion {', '.join(unknown)} is not known to this ssh; the block is left out")
+            return "Host !*"
+        if keyword not in ("include", "userknownhostsfile", "identityagent"):
+            return line
+        try:
+            arguments = ssh_config.split_arguments(rest)
+        except ValueError:
+            return line
+        home = self._question.home
+        if keyword == "include":
+            files = [path for each in arguments for path in ssh_config.included(each, folder, home)]
+            copies = [str(self._copy(path, folder, checked=True)) for path in files]
+            return f"Include {' '.join(copies)}" if copies else "" if all(arguments) else line
+        escaped = str(home).replace("%", "%%")
+        expanded = [re.sub(r"%[%d]", lambda found: escaped if found[0] == "%d" else found[0], each) for each in arguments]
+        return " ".join([keyword, *(_quoted(ssh_config.expand_tilde(each, Path(escaped))) for each in expanded)])
+
+
+def _criteria(rest: str) -> set[str]:
+    words: set[str] = set()
+    current: str | None = rest
+    while current:
+        word, current = ssh_config.split_word(current)
+        words |= {(word or "").lstrip("!")}
+    return words
+
+
+def _quoted(word: str) -> str:
+    return '"' + word.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+_said: set[str] = set()
+
+
+def _say_once(text: str) -> None:
+    if text not in _said:
+        _said.add(text)
+        echo(f"lupin: {text}", err=True)
