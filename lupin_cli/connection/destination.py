@@ -55,6 +55,8 @@ class Destination:
     @property
     def known_as(self) -> str:
         """The name under which a known_hosts file stores its key."""
+        if self.host_key_alias:
+            return self.host_key_alias
         return self.host if self.port == 22 else f"[{self.host}]:{self.port}"
 
 

@@ -25,6 +25,7 @@ EXEC_TIMEOUT_S = 5.0  # of one Match exec
 MAX_DEPTH = 16  # of includes, as in OpenSSH
 MAX_LINES = 20_000  # with all includes, which may multiply
 MAX_IDENTITIES = 100
+MAX_PATTERN = 1023  # characters of one pattern of a list
 DEFAULT_USER_KNOWN_HOSTS = ("~/.ssh/known_hosts", "~/.ssh/known_hosts2")
 DEFAULT_GLOBAL_KNOWN_HOSTS = ("/etc/ssh/ssh_known_hosts", "/etc/ssh/ssh_known_hosts2")
 
@@ -155,6 +156,8 @@ def matches_list(patterns: str, text: str, *, lower: bool = False) -> bool:
     """Return whether a list of patterns with commas stands for `text`. One with ! that matches excludes it."""
     included = False
     for pattern in patterns.lower().split(",") if lower else patterns.split(","):
+        if len(pattern.removeprefix("!")) >= MAX_PATTERN:
+            return False
         if matches(pattern.removeprefix("!"), text):
             if pattern.startswith("!"):
                 return False
