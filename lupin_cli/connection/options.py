@@ -23,7 +23,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from lupin_cli.completion import matching
-from lupin_cli.connection.base import AuthenticationFailed, HostKeyChanged, HostKeyUnknown, TargetError, Unreachable
+from lupin_cli.connection.base import (
+    AuthenticationFailed,
+    HostKeyChanged,
+    HostKeyUnknown,
+    SshConfigUnusable,
+    TargetError,
+    Unreachable,
+)
 from lupin_cli.connection.inventory import ADD_EXAMPLE, DEFAULT_USER, Config, ConfigError, Robot, load
 from lupin_cli.exit_codes import FAILURE, UNREACHABLE, USAGE_ERROR, worst
 from lupin_cli.printed_commands import complete, print_next, repeat_inventory
@@ -177,7 +184,10 @@ def destinations(robot: Robot) -> dict[str, Destination]:
     found = {}
     for transport in [robot.transport] if robot.transport else robot.addresses:
         _, host, port = parse_destination(robot.addresses[transport])
-        found[transport] = resolve(host, robot.user, port, default_user=DEFAULT_USER)
+        try:
+            found[transport] = resolve(host, robot.user, port, default_user=DEFAULT_USER)
+        except SshConfigUnusable as error:
+            raise SshConfigUnusable(f"{robot.name}: {error}", error.next_command) from error
     return found
 
 
@@ -275,7 +285,7 @@ def print_error(verb: str, error: TargetError) -> None:
 
 def exit_code_of(error: TargetError) -> int:
     """Return UNREACHABLE if there was no connection, FAILURE if something failed over one."""
-    no_connection = Unreachable | HostKeyChanged | HostKeyUnknown | AuthenticationFailed
+    no_connection = Unreachable | HostKeyChanged | HostKeyUnknown | AuthenticationFailed | SshConfigUnusable
     return UNREACHABLE if isinstance(error, no_connection) else FAILURE
 
 

@@ -102,6 +102,7 @@ def _ask(question: _Question, ssh: str) -> Answer:
         with tempfile.TemporaryDirectory(prefix="lupin-ssh-") as folder:
             copies = _Copies(Path(folder), question, left_out)
             printed, complaint = _run([ssh, "-G", "-F", str(copies.write_top()), *words])
+            cause = copies.original(_cause(complaint))
         if answer := _parse(printed or ""):
             return answer
         if printed is None:
@@ -109,7 +110,6 @@ def _ask(question: _Question, ssh: str) -> Answer:
         newer = set(re.findall(r"Unsupported Match attribute (\S+)", complaint))
         newer |= {*re.findall(r"Bad configuration option: (\S+)", complaint)} & ssh_config.NEWER_OPTIONS
         if not newer - left_out:
-            cause = copies.original(_cause(complaint))
             raise question.refused(cause if cause.startswith("/") else f"{question.file}: {cause}")
         left_out |= newer
 
@@ -185,6 +185,9 @@ class _Copies:
     def original(self, text: str) -> str:
         """Return a complaint about copies as one about the files themselves."""
         for path, copy in sorted(self._names.items(), key=lambda item: -len(str(item[1]))):
+            if (found := re.match(rf"{re.escape(str(copy))}:(\d+): ", text)) and path.exists():
+                keyword = ssh_config.split_line(copy.read_text("utf-8", "replace").split("\n")[int(found[1]) - 1])[0]
+                text = f"{text} ({keyword})" if keyword and keyword not in text.lower() else text
             text = text.replace(str(copy), str(path))
         return text
 
