@@ -16,6 +16,7 @@ import re
 import shlex
 import shutil
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from lupin_cli.connection.ssh_config import ConfigError
 from lupin_cli.terminal import echo
 
 TIMEOUT_S = 6.0  # of one `ssh -G`; a Match exec may run any program
+KEPT_S = 30.0  # for how long an answer holds: the network, on which a Match exec depends, may change
 MAX_FILES = 500  # of a configuration, with its includes
 
 Answer = Mapping[str, Sequence[str]]
@@ -57,7 +59,8 @@ def resolve(
 ) -> Answer:
     """Return the options for `host` by keyword, as `ssh -G` prints them. `user`, `port` and `jumps` override the files.
 
-    `path` replaces the user's file and that of the system. An answer is kept until that file changes. Raises SshConfigUnusable.
+    `path` replaces the user's file and that of the system. An answer, also a refusal, is kept for at most `KEPT_S`, unless that
+    file changes. Raises SshConfigUnusable.
     """
     home = Path(os.environ.get("HOME") or Path.home())
     file = home / ".ssh/config" if path is None else path
@@ -66,27 +69,37 @@ def resolve(
         status = file.stat()
         stamp = (status.st_mtime_ns, status.st_size)
     question = _Question(host, user, port, jumps, default_user or getpass.getuser(), file, path is None, home)
-    return _answer(question, stamp, shutil.which("ssh"))
+    answer = _answer(question, (stamp, time.monotonic() // KEPT_S), shutil.which("ssh"))
+    if isinstance(answer, str):
+        raise question.refused(answer)
+    return answer
 
 
 @functools.lru_cache(maxsize=256)
-def _answer(question: _Question, _stamp: object, ssh: str | None) -> Answer:
+def _answer(question: _Question, _stamp: object, ssh: str | None) -> Answer | str:
+    """Return the answer, or why there is none."""
     try:
         if ssh is not None:
-            return _ask(question, ssh)
+            with contextlib.suppress(_NoClient):
+                return _ask(question, ssh)
         if question.file.exists() or ssh_config.SYSTEM_CONFIG.exists():
-            _say_once("ssh is not installed: Lupin reads the SSH configuration itself; apt install openssh-client")
+            install = "ssh is not installed" if ssh is None else f"{ssh} cannot resolve it (it has no option -G, or no user)"
+            _say_once(f"Lupin reads the SSH configuration itself: {install}; apt install openssh-client")
         system = ssh_config.SYSTEM_CONFIG if question.with_system else None
         return ssh_config.read(
             *(question.host, question.user, question.port, question.file, system, question.home, _say_once),
             default_user=question.default_user,
         )
     except (ConfigError, OSError) as error:
-        raise question.refused(str(error)) from error
+        return str(error)
+
+
+class _NoClient(Exception):
+    """The program `ssh` is another one than OpenSSH's, or does not run for this user."""
 
 
 def _ask(question: _Question, ssh: str) -> Answer:
-    """Ask ssh, with the files themselves if it reads the same ones; else, or if it needs the help of copies, with those."""
+    """Ask ssh, with the files themselves if it reads the same; else, or if it refuses them, with copies. Raises ConfigError."""
     user = ["-l", question.user] if question.user else []
     port = ["-p", str(question.port)] if question.port else []
     jumps = ["-J", question.jumps] if question.jumps else []
@@ -106,11 +119,15 @@ def _ask(question: _Question, ssh: str) -> Answer:
         if answer := _parse(printed or ""):
             return answer
         if printed is None:
-            raise question.refused(f"ssh -G did not answer within {TIMEOUT_S:g} s; a Match exec may wait for something")
+            raise ConfigError(
+                f"{question.file}: ssh -G did not answer within {TIMEOUT_S:g} s; a Match exec may wait for something"
+            )
         newer = set(re.findall(r"Unsupported Match attribute (\S+)", complaint))
         newer |= {*re.findall(r"Bad configuration option: (\S+)", complaint)} & ssh_config.NEWER_OPTIONS
         if not newer - left_out:
-            raise question.refused(cause if cause.startswith("/") else f"{question.file}: {cause}")
+            if re.search(r"(unknown|illegal|invalid|unrecognized) option|No user exists", complaint):
+                raise _NoClient
+            raise ConfigError(cause if cause.startswith("/") else f"{question.file}: {cause}")
         left_out |= newer
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import threading
@@ -9,8 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from bench.bench_ssh_config import compare
+from lupin_cli.app import app
 from lupin_cli.connection import ssh_client, ssh_config
 from lupin_cli.connection.base import SshConfigUnusable
 from lupin_cli.connection.destination import Destination, resolve
@@ -220,6 +223,34 @@ def test_missing_client_is_said(
     assert "ssh is not installed" in capsys.readouterr().err
     with pytest.raises(SshConfigUnusable, match="CanonicalDomains needs the ssh client"):
         resolve("pot")
+
+
+def test_other_program_named_ssh_is_not_asked(
+    write_config: WriteConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "ssh").write_text("#!/bin/sh\necho 'ssh: unknown option -- G' >&2\nexit 1\n")
+    (tmp_path / "ssh").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    write_config(BLOCK)
+    assert place_of() == PLACE
+    assert "has no option -G" in capsys.readouterr().err
+
+
+def test_answer_is_kept_within_a_command(write_config: WriteConfig, tmp_path: Path) -> None:
+    write_config(f'Match exec "echo x >>{tmp_path}/asked"\n  Port 7\n')
+    for _ in range(3):
+        assert resolve("greenhouse", default_user="mirte").port == 7
+    assert (tmp_path / "asked").read_text() == "x\n"
+
+
+def test_unresolved_robot_hides_no_other(write_config: WriteConfig, tmp_path: Path) -> None:
+    write_config("Host pot-1\n  ProxyJump pot-1\n")
+    inventory = tmp_path / "lupin.toml"
+    inventory.write_text("".join(f'[robots.pot-{n}.addresses]\nwired = "pot-{n}"\n' for n in (1, 2)))
+    done = CliRunner().invoke(app, ["robots", "list", "--config", str(inventory), "--json"])
+    first, second = json.loads(done.stdout)["robots"]
+    assert done.exit_code == 3 and "jumphost loop" in first["error"] and first["destinations"] == {}
+    assert second["destinations"] == {"wired": "mirte@pot-2"} and "error" not in second
 
 
 def test_robots_are_resolved_in_parallel(write_config: WriteConfig) -> None:
