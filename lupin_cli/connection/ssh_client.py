@@ -28,6 +28,7 @@ from lupin_cli.terminal import echo
 
 TIMEOUT_S = 6.0  # of one `ssh -G`; a Match exec may run any program
 KEPT_S = 30.0  # for how long an answer holds: the network, on which a Match exec depends, may change
+MAX_CAUSE = 300  # characters of a complaint: a binary file has long ones
 MAX_FILES = 500  # of a configuration, with its includes
 
 Answer = Mapping[str, Sequence[str]]
@@ -168,12 +169,16 @@ def _split_paths(text: str) -> list[str]:
 
 
 def _cause(complaint: str) -> str:
-    """Return what ssh complains of, in one line, as FILE:LINE: CAUSE."""
+    """Return the first thing of which ssh complains, in one line, as FILE:LINE: CAUSE."""
     lines = [line.strip() for line in complaint.splitlines()]
     causes = [line for line in lines if line and "terminating, " not in line and not line.startswith("Pseudo-terminal")]
     located = [re.sub(r"^(\S.*?):? line (\d+): ", r"\1:\2: ", line) for line in causes]
-    located.sort(key=lambda line: re.match(r".*:\d+: ", line) is None)  # the place before its reason
-    return "; ".join(dict.fromkeys(located)) or "ssh -G ends without an answer"
+    places = [index for index, line in enumerate(located) if re.match(r".*?:\d+: ", line)]
+    first = places[0] if places else len(located) - 1
+    words = [located[first], *located[:first]] if located else ["ssh -G ends without an answer"]  # the place before its reason
+    text = "; ".join(dict.fromkeys(words))
+    more = f", and {len(places) - 1} more" if len(places) > 1 else ""
+    return (text if len(text) <= MAX_CAUSE else f"{text[:MAX_CAUSE]} ...") + more
 
 
 class _Copies:
@@ -202,9 +207,10 @@ class _Copies:
     def original(self, text: str) -> str:
         """Return a complaint about copies as one about the files themselves."""
         for path, copy in sorted(self._names.items(), key=lambda item: -len(str(item[1]))):
-            if (found := re.match(rf"{re.escape(str(copy))}:(\d+): ", text)) and path.exists():
+            if found := re.match(rf"{re.escape(str(copy))}:(\d+): ", text):
                 keyword = ssh_config.split_line(copy.read_text("utf-8", "replace").split("\n")[int(found[1]) - 1])[0]
-                text = f"{text} ({keyword})" if keyword and keyword not in text.lower() else text
+                if re.fullmatch(r"[a-z0-9]{1,40}", keyword) and keyword not in text.lower():
+                    text += f" ({keyword})"
             text = text.replace(str(copy), str(path))
         return text
 

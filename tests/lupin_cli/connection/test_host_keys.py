@@ -299,6 +299,7 @@ def test_generated_files_are_decided_as_by_ssh() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1200)
 def test_1000_generated_files_are_decided_as_by_ssh() -> None:
     decisions, differences = compare(1000, seed=1)
     assert differences == [] and {"OK", "NEW", "CHANGED", "REVOKED"} <= set(decisions)
