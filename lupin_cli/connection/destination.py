@@ -105,6 +105,7 @@ def _resolve(
     )
     tokens = tokens_of(found.host, host, found.user, found.port, found.host_key_alias, home)
     try:
+        str(found).encode()  # raises for bytes that are not UTF-8
         identities, certificates = (
             tuple(expand_path(each, tokens, home) for each in answer.get(keyword, ()) if each.lower() != "none")
             for keyword in ("identityfile", "certificatefile")

@@ -105,7 +105,7 @@ def _stands_for(patterns: str, name: str) -> bool:
         expected = base64.b64encode(hmac.digest(decoded, name.encode("utf-8", "surrogateescape"), "sha1")).decode()
     except ValueError:  # other parts, or not base64
         return False
-    return version == "1" and len(decoded) == _SALT_BYTES and hmac.compare_digest(expected, digest)
+    return version == "1" and len(decoded) == _SALT_BYTES and expected == digest
 
 
 def _read_key(fields: list[str]) -> HostKey | None:

@@ -91,7 +91,7 @@ def _answer(question: _Question, _stamp: object, ssh: str | None) -> Answer | st
             *(question.host, question.user, question.port, question.file, system, question.home, _say_once),
             default_user=question.default_user,
         )
-    except (ConfigError, OSError) as error:
+    except (ValueError, OSError) as error:  # ConfigError; a NUL in the name of a host
         return str(error)
 
 

@@ -193,7 +193,7 @@ def tokens_of(host: str, original_host: str, user: str, port: int, host_key_alia
     """Return the %-tokens of a connection that stand in paths."""
     this = socket.gethostname()
     return {
-        "C": hashlib.sha1(f"{this}{host}{port}{user}".encode(), usedforsecurity=False).hexdigest(),
+        "C": hashlib.sha1(f"{this}{host}{port}{user}".encode("utf-8", "surrogateescape"), usedforsecurity=False).hexdigest(),
         "L": this.partition(".")[0],
         "d": str(home),
         "h": host,

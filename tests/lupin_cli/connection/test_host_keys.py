@@ -117,6 +117,7 @@ def test_hashed_entry_is_found_among_broken_lines(sshd: Sshd, tmp_path: Path) ->
         f"{address} ssh-ed25519 AAAA",
         "|1|?|? ssh-rsa AAAA",
         "|1| x y",
+        "|1|AAAAAAAAAAAAAAAAAAAAAAAAAAA=|\u00fc ssh-rsa AAAA",
     ]
     users.write_bytes(b"\xff\xfe\n" + "\n".join(broken).encode() + b"\n" + hashed.encode())
     target = SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", users))

@@ -135,6 +135,13 @@ def test_binary_file_is_refused_in_one_short_line(write_config: WriteConfig) -> 
 
 
 @pytest.mark.usefixtures("either_way")
+def test_user_that_is_not_utf8_is_refused(write_config: WriteConfig) -> None:
+    (write_config("") / "config").write_bytes(b"User gr\xfcn\n")
+    with pytest.raises(SshConfigUnusable):
+        resolve("greenhouse")
+
+
+@pytest.mark.usefixtures("either_way")
 def test_config_that_others_may_write_is_refused(write_config: WriteConfig) -> None:
     (write_config(BLOCK) / "config").chmod(0o666)
     with pytest.raises(SshConfigUnusable, match="chmod go-w"):
