@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import pwd
+import shutil
 import subprocess
 import threading
 from collections.abc import Callable
@@ -250,6 +252,19 @@ def test_other_program_named_ssh_is_not_asked(
     write_config(BLOCK)
     assert place_of() == PLACE
     assert "has no option -G" in capsys.readouterr().err
+
+
+def test_ssh_reads_the_files_themselves_where_it_can(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = shutil.which("ssh")
+    (tmp_path / "ssh").write_text(f'#!/bin/sh\necho "$*" >>{tmp_path}/asked\nexec {real} "$@"\n')
+    (tmp_path / "ssh").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    monkeypatch.setenv("HOME", pwd.getpwuid(os.getuid()).pw_dir)
+    ssh_client._answer.cache_clear()
+    assert resolve("greenhouse.invalid", "anna", 7).user == "anna"
+    assert (tmp_path / "asked").read_text() == "-G -l anna -p 7 -- greenhouse.invalid\n"
+    assert resolve("greenhouse.invalid", default_user="anna").user == "anna"  # no file names one
+    assert "-G -F " in (tmp_path / "asked").read_text().splitlines()[2]
 
 
 def test_answer_is_kept_within_a_command(write_config: WriteConfig, tmp_path: Path) -> None:
