@@ -105,20 +105,24 @@ def _ask(question: _Question, ssh: str) -> Answer:
     port = ["-p", str(question.port)] if question.port else []
     jumps = ["-J", question.jumps] if question.jumps else []
     words = [*user, *port, *jumps, "--", question.host]
+    answer: dict[str, list[str]] = {}
     if question.with_system and _is_home_of_ssh(question.home):
-        printed, _ = _run([ssh, "-G", *words])
-        answer = _parse(printed or "")
-        # A user that is this machine's may be one that no file names.
-        if answer and (question.user or answer["user"] != [getpass.getuser()] or question.default_user == getpass.getuser()):
-            return answer
+        answer = _parse(_run([ssh, "-G", *words])[0] or "")
+    answer = answer or _ask_copies(question, ssh, words, "")
+    if question.user or answer["user"] != [getpass.getuser()] or question.default_user == getpass.getuser():
+        return answer
+    return _ask_copies(question, ssh, words, question.default_user)  # it may be that no file names a user
+
+
+def _ask_copies(question: _Question, ssh: str, words: Sequence[str], default_user: str) -> dict[str, list[str]]:
     left_out: set[str] = set()
     while True:
         with tempfile.TemporaryDirectory(prefix="lupin-ssh-") as folder:
             copies = _Copies(Path(folder), question, left_out)
-            printed, complaint = _run([ssh, "-G", "-F", str(copies.write_top()), *words])
+            printed, complaint = _run([ssh, "-G", "-F", str(copies.write_top(default_user)), *words])
             cause = copies.original(_cause(complaint))
         if answer := _parse(printed or ""):
-            return answer
+            return _with_home(answer, question.home)
         if printed is None:
             raise ConfigError(
                 f"{question.file}: ssh -G did not answer within {TIMEOUT_S:g} s; a Match exec may wait for something"
@@ -130,6 +134,15 @@ def _ask(question: _Question, ssh: str) -> Answer:
                 raise _NoClient
             raise ConfigError(cause if cause.startswith("/") else f"{question.file}: {cause}")
         left_out |= newer
+
+
+def _with_home(answer: dict[str, list[str]], home: Path) -> dict[str, list[str]]:
+    """Return the answer with the default known_hosts files below `home`, where ssh takes those of the password file."""
+    defaults = ssh_config.DEFAULT_USER_KNOWN_HOSTS
+    of_ssh = [ssh_config.expand_tilde(each, Path(pwd.getpwuid(os.getuid()).pw_dir)) for each in defaults]
+    if answer["userknownhostsfile"] == of_ssh:
+        answer["userknownhostsfile"] = [ssh_config.expand_tilde(each, home) for each in defaults]
+    return answer
 
 
 def _is_home_of_ssh(home: Path) -> bool:
@@ -188,18 +201,14 @@ class _Copies:
         self._folder, self._question, self._left_out = folder, question, left_out
         self._names: dict[Path, Path] = {}
 
-    def write_top(self) -> Path:
-        """Write the file for `ssh -F`: the user's, the system's, then Lupin's defaults. Raises ConfigError."""
+    def write_top(self, default_user: str) -> Path:
+        """Write the file for `ssh -F`: the user's, the system's, then the user of hosts without one. Raises ConfigError."""
         question = self._question
         lines = [f"Include {self._copy(question.file, question.file.parent, checked=question.with_system)}"]
         if question.with_system:
             lines.append(f"Include {self._copy(ssh_config.SYSTEM_CONFIG, ssh_config.SYSTEM_CONFIG.parent, checked=False)}")
-        files = (ssh_config.expand_tilde(each, question.home) for each in ssh_config.DEFAULT_USER_KNOWN_HOSTS)
-        lines += [
-            "Host *",
-            f"User {_quoted(question.default_user)}",
-            f"UserKnownHostsFile {' '.join(_quoted(each.replace('%', '%%')) for each in files)}",
-        ]
+        if default_user:
+            lines += ["Host *", f"User {_quoted(default_user)}"]
         top = self._folder / "top"
         top.write_text("\n".join([*lines, ""]), "utf-8", "surrogateescape")
         return top

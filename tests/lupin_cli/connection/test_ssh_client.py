@@ -151,6 +151,13 @@ def test_config_that_others_may_write_is_refused(write_config: WriteConfig) -> N
 
 
 @pytest.mark.usefixtures("either_way")
+def test_final_block_wins_over_defaults(write_config: WriteConfig) -> None:
+    write_config("Match final\n  UserKnownHostsFile /dev/null\n  User anna\n")
+    found = resolve("greenhouse", default_user="mirte")
+    assert (found.user, found.user_known_hosts) == ("anna", ("/dev/null",))
+
+
+@pytest.mark.usefixtures("either_way")
 def test_home_variable_decides_over_password_file(write_config: WriteConfig) -> None:
     home = write_config(
         "Include parts\n", parts=f"{BLOCK} IdentityAgent ~/a\n IdentityFile %d/k\n UserKnownHostsFile ~/b ~/c\n"
@@ -270,7 +277,7 @@ def test_ssh_reads_the_files_themselves_where_it_can(tmp_path: Path, monkeypatch
 def test_answer_is_kept_within_a_command(write_config: WriteConfig, tmp_path: Path) -> None:
     write_config(f'Match exec "echo x >>{tmp_path}/asked"\n  Port 7\n')
     for _ in range(3):
-        assert resolve("greenhouse", default_user="mirte").port == 7
+        assert resolve("greenhouse", "anna").port == 7
     assert (tmp_path / "asked").read_text() == "x\n"
 
 
