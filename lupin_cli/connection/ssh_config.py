@@ -524,7 +524,7 @@ def read(
     state.found["hostname"] = [name]
     state.set("user", default_user or getpass.getuser())
     for keyword in ("proxyjump", "proxycommand"):
-        if state.first(keyword).lower() == "none":
+        if state.first(keyword) == "none" or (keyword == "proxycommand" and state.first(keyword).lower() == "none"):
             del state.found[keyword]
     if alias := state.first("hostkeyalias"):
         state.found["hostkeyalias"] = [alias.lower()]
