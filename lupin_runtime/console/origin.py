@@ -109,7 +109,7 @@ class Origin:
         host: str,
         root_certificate: Path | None = None,
     ) -> None:
-        """`run` is the run that browsers see; `overrides_file` has the approach overrides of the run's mission. `host` is what the
+        """`run` is the run that browsers see; `overrides_file` has the approach overrides of its mission. `host` is what the
         server listens on.
 
         `root_certificate` is the file that devices install; with one, browsers on other computers are sent to HTTPS."""

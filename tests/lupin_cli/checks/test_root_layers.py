@@ -357,9 +357,9 @@ def test_root_has_layer_and_machine_of_the_fault(row: Row) -> None:
 def test_data_that_arrives_through_a_lossy_path_is_not_called_healthy(number: int) -> None:
     """A program that joins meets the others with a burst of packets: it may hear nothing where the doctor heard all."""
     snapshot = Row("", set(), lost("sender", number)).snapshot
-    snapshot.laptop.values["graph"] = Graphs((received(),))
+    laptop = replace(snapshot.laptop, values={**snapshot.laptop.values, "graph": Graphs((received(),))})
     link = replace(present(snapshot.link), kind="", message="")
-    diagnosis = diagnose((*GROUND_TRUTH, *LINK, *PATH), replace(snapshot, link=link))
+    diagnosis = diagnose((*GROUND_TRUTH, *LINK, *PATH), replace(snapshot, laptop=laptop, link=link))
     truth = present(diagnosis.ground_truth)
     severities = [root.finding.severity for root in diagnosis.roots if root.finding.id == "packets-lost"]
     most = number > 48
