@@ -25,6 +25,7 @@ _OTHER_MARKS = {
     codecs.BOM_UTF16_LE: "UTF-16",
     codecs.BOM_UTF16_BE: "UTF-16",
 }
+_ASCII = frozenset((*b"\t\r\n", *range(0x20, 0x7F)))  # of text
 _ENCODING = "utf-8-sig"  # UTF-8, of which a byte order mark at the beginning is no part of the text
 
 
@@ -102,8 +103,8 @@ def open_text(path: Path | str) -> TextIO:
 
 def _refuse_other_encoding(head: bytes, path: Path | str) -> None:
     name = next((name for mark, name in _OTHER_MARKS.items() if head.startswith(mark)), "")
-    # Without a mark, the first character of nearly any text shows by its zero bytes.
-    if not name and len(head) > 1 and head[:2].count(0) == 1:
+    # Without a mark, the first character of nearly any text shows: a zero byte beside one of ASCII.
+    if not name and len(head) > 1 and 0 in head[:2] and max(head[:2]) in _ASCII:
         name = "UTF-16"
     if name:
         raise NotUtf8(f"is {name}", path)

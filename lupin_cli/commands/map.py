@@ -13,7 +13,7 @@ from lupin_cli.command_group import command_group
 from lupin_cli.commands.map_plan import plan
 from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
 from lupin_cli.terminal import echo, work_progress
-from lupin_runtime.bounded_file import is_file, is_folder
+from lupin_runtime.bounded_file import NotUtf8, is_file, is_folder
 
 if TYPE_CHECKING:
     from lupin_runtime.slam.offline import OfflineScan
@@ -77,7 +77,7 @@ def build(
         raise typer.Exit(USAGE_ERROR if isinstance(error, MalformedFile) else FAILURE) from error
     except OSError as error:
         echo(f"{error.filename or out}: {error.strerror or error}", err=True)
-        raise typer.Exit(FAILURE) from error
+        raise typer.Exit(USAGE_ERROR if isinstance(error, NotUtf8) else FAILURE) from error
     result = {
         "scans": len(scans),
         "keyframes": built.keyframes,
@@ -158,7 +158,7 @@ def optimize(
         raise typer.Exit(USAGE_ERROR if isinstance(error, MalformedFile) else FAILURE) from error
     except OSError as error:
         echo(f"{error.filename or graph}: {error.strerror or error}", err=True)
-        raise typer.Exit(FAILURE) from error
+        raise typer.Exit(USAGE_ERROR if isinstance(error, NotUtf8) else FAILURE) from error
     main, *others = parts_of(len(read.poses), read.edges)
     apart = sorted(read.ids[index].item() for part in others for index in part)
     result = {

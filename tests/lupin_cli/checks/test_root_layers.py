@@ -354,7 +354,7 @@ def test_root_has_layer_and_machine_of_the_fault(row: Row) -> None:
 
 
 @pytest.mark.parametrize("number", [0, 29, 60])
-def test_data_that_arrives_through_a_lossy_path_is_not_called_healthy(number: int) -> None:
+def test_data_that_comes_through_by_chance_is_not_healthy(number: int) -> None:
     """A program that joins meets the others with a burst of packets: it may hear nothing where the doctor heard all."""
     snapshot = Row("", set(), lost("sender", number)).snapshot
     laptop = replace(snapshot.laptop, values={**snapshot.laptop.values, "graph": Graphs((received(),))})
