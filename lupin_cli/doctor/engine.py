@@ -10,12 +10,13 @@ from lupin_cli.checks import ground_truth
 from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
 from lupin_cli.checks.findings import NEED_VENDOR, OVER_GRAPH
 from lupin_cli.checks.ground_truth import GroundTruth, State
-from lupin_cli.checks.path import PACKETS
 from lupin_cli.doctor.areas import Area, judge_areas
 from lupin_cli.facts.base import Unknown
 from lupin_cli.printed_commands import complete
 
+_LOST = "packets-lost"  # a program that joins meets the others with a burst, of which this visit's got through
 _DATA = OVER_GRAPH | NEED_VENDOR  # findings that show, or cause, that data does not arrive
+STOPPED = "process-stopped"  # its process does nothing now, whatever arrived before
 _UNREACHABLE = "robot-unreachable"  # it has an exit status of its own, whatever explains it
 
 
@@ -72,7 +73,7 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
     robot = snapshot.link.robot if snapshot.link is not None else ""
     roots = fold_consequences(name_robot(weigh_by_ground_truth(found, truth), robot))
     consequences = [finding for root in roots for finding in root.consequences]
-    truth = doubt_luck(truth, by_check.get(PACKETS, ()))
+    truth = doubt_luck(truth, [root.finding for root in roots])
     return Diagnosis(
         checks=tuple(check.name for check in checks),
         roots=roots,
@@ -85,12 +86,13 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
     )
 
 
-def doubt_luck(truth: GroundTruth | None, of_path: Iterable[Finding]) -> GroundTruth | None:
-    """Return the ground truth, which is not healthy while the path has a problem: this visit got through by chance."""
-    problem = next((each for each in of_path if each.severity is Severity.PROBLEM), None)
+def doubt_luck(truth: GroundTruth | None, roots: Sequence[Finding]) -> GroundTruth | None:
+    """Return the ground truth, which is not healthy while packets are lost or a process is stopped: it was heard by chance."""
+    losses = (each for each in roots if each.id == _LOST and each.severity is Severity.PROBLEM)
+    problem = next(iter((*losses, *(each for each in roots if each.id == STOPPED))), None)
     if truth is None or truth.state is not State.HEALTHY or problem is None:
         return truth
-    line = f"what a program hears that joins next: all data arrived this time, although {problem.cause}"
+    line = f"what a program hears next: all data arrived this time, although {problem.cause}"
     return replace(truth, state=State.UNOBSERVED, unobserved=(line,))
 
 

@@ -21,10 +21,11 @@ from lupin_cli.checks.packet_filter import SSH_PORT
 from lupin_cli.checks.stale_resources import AT_RISK, MEMORY_AT_RISK
 from lupin_cli.connection.base import Target, TargetError
 from lupin_cli.connection.destination import parse_destination
-from lupin_cli.doctor.engine import Diagnosis, diagnose
+from lupin_cli.doctor.engine import STOPPED, Diagnosis, diagnose
 from lupin_cli.doctor.gathering import TIMED_OUT, gather_facts, gather_followup_facts, gather_snapshot, needed_facts
 from lupin_cli.facts.addresses import ADDRESSES
 from lupin_cli.facts.base import Facts, Unknown
+from lupin_cli.facts.graph import GRAPH
 from lupin_cli.facts.link import Link
 from lupin_runtime.stack.dds import NoRobotEnvironment, robot_environment
 
@@ -206,6 +207,11 @@ class DoctorSession:
             or measure(snapshot).visit_s > LATE_VISIT_S  # the next program that joins may not be as lucky
         ):
             snapshot = replace(snapshot, path=self._measure_path(snapshot))
+            diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
+        if measure(snapshot).state is State.HEALTHY and any(finding.id == STOPPED for finding in diagnosis.findings):
+            # One that is stopped again and again delivers in between: a second visit is unlikely to be as lucky.
+            again = gather_facts(scope.laptop, "laptop", [GRAPH], addresses or own_addresses)
+            snapshot = replace(snapshot, laptop=replace(snapshot.laptop, values={**snapshot.laptop.values, **again.values}))
             diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
         if any(finding.severity is Severity.PROBLEM for finding in diagnosis.by_check.get(path_checks.PACKETS, ())):
             return DoctorResult(snapshot, diagnosis)  # packets do not pass: a second visit of the graph would show the same

@@ -97,6 +97,14 @@ def test_stopped_program_explains_its_own_part(healthy: Machines) -> None:
     assert roots(everything, timed(0.1)) == roots(everything, timed(0.1, *others)) == [("problem", "process-stopped")]
 
 
+def test_stopped_program_whose_data_came_before_is_not_healthy(healthy: Machines) -> None:
+    """One that is stopped for most of the time delivers while it runs: then nobody may say that all works."""
+    everything = healthy.with_robot("ros-processes", stopped("python3", "-m", "all_of_the_robot"))
+    assert roots(everything, received()) == [("warning", "process-stopped")]
+    truth = diagnose(CHECKS, everything.with_laptop("graph", Graphs((received(),))).snapshot).ground_truth
+    assert truth is not None and truth.state is ground_truth.State.UNOBSERVED and "is stopped" in truth.unobserved[0]
+
+
 def test_stopped_program_of_lupin_explains_no_silent_lidar(healthy: Machines) -> None:
     estop = changed(1, state="T", parent=1, group=f"/system.slice/{ONBOARD}", arguments=("python3", "-m", "lupin_runtime.x"))
     machines = healthy.with_robot("ros-processes", estop)

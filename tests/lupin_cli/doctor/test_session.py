@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from lupin_cli.checks import Check, Finding, Fix, Severity, Snapshot
+from lupin_cli.checks import Check, Finding, Fix, Severity, Snapshot, ground_truth, stale_resources
 from lupin_cli.checks import path as path_checks
+from lupin_cli.checks.ground_truth import State
 from lupin_cli.checks.stale_resources import MEMORY_AT_RISK
 from lupin_cli.connection import Output
 from lupin_cli.connection.base import Unreachable
@@ -19,7 +20,7 @@ from lupin_cli.doctor.engine import diagnose
 from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, FixResult, examine_all
 from lupin_cli.facts import Fact, Facts
 from lupin_cli.facts.clock import Offset
-from lupin_cli.facts.graph import Graphs
+from lupin_cli.facts.graph import Graph, Graphs
 from lupin_cli.facts.link import Link
 from lupin_cli.link.path import End
 from lupin_cli.link.path import Path as MeasuredPath
@@ -167,6 +168,28 @@ def test_path_is_measured_if_everything_arrived_late(
     session = DoctorSession(DoctorScope(path_checks.CHECKS, (), machine({}), robot, Config(tmp_path / "lupin.toml")))  # type: ignore[arg-type]
     session.examine()
     assert asked == ["192.0.2.2"] * measured
+
+
+@pytest.mark.parametrize(("second", "severity"), [("silent", Severity.PROBLEM), ("as before", Severity.WARNING)])
+def test_data_of_a_stopped_process_is_looked_for_twice(
+    machine: type[ScriptedMachine], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, second: str, severity: Severity
+) -> None:
+    group = "/system.slice/mirte-ros.service"
+    processes = tuple(replace(each, state="T", group=group) for each in values(HEALTHY_ROBOT)["ros-processes"][1:2])
+    facts = Facts("robot", {"ros-processes": processes})
+    heard = Graphs((received(),))
+    again = heard if second == "as before" else Graphs((Graph("robot", "robot", ()),))
+    link = Link("pot", "192.0.2.2", transport="wired", clock=Offset(0.0, 0.001))
+    monkeypatch.setattr(
+        "lupin_cli.doctor.session.gather_snapshot", lambda *_: Snapshot(Facts("laptop", {"graph": heard}), facts, link)
+    )
+    monkeypatch.setattr("lupin_cli.doctor.session.gather_facts", lambda *_: Facts("laptop", {"graph": again}))
+    robot = Robot("pot", {"wired": "192.0.2.2"})
+    checks = (*ground_truth.CHECKS, *(check for check in stale_resources.CHECKS if check.name == "processes.stopped"))
+    session = DoctorSession(DoctorScope(checks, (), machine({}), robot, Config(tmp_path / "lupin.toml")))  # type: ignore[arg-type]
+    diagnosis = session.examine().diagnosis
+    assert [(root.finding.id, root.finding.severity) for root in diagnosis.roots] == [("process-stopped", severity)]
+    assert present(diagnosis.ground_truth).state is (State.BROKEN if second == "silent" else State.UNOBSERVED)
 
 
 @pytest.mark.parametrize(
