@@ -21,7 +21,7 @@ import { RewindBar, useRewindKeys } from "@/rewind/rewind_bar";
 import { ShownTime } from "@/rewind/shown_time";
 import { useIsRewound } from "@/rewind/state";
 import { driver } from "@/robot";
-import { Boundary } from "@/ui/boundary";
+import { Boundary, type FallbackProps, PartFailed } from "@/ui/boundary";
 import { cn } from "@/ui/cn";
 import { useRoute } from "@/state/route";
 import { useSetting } from "@/state/settings";
@@ -31,6 +31,26 @@ import { drawsInSoftware } from "@/widgets/webgl";
 const letGo = () => driver.letGo();
 
 export function App() {
+  return (
+    <Boundary fallback={PageFailed}>
+      <Page />
+    </Boundary>
+  );
+}
+
+/** What is left of a page that failed as a whole: the reason, and the stop. */
+function PageFailed(props: FallbackProps) {
+  return (
+    <div className="flex h-full max-md:flex-col">
+      <div className="min-w-0 grow p-5">
+        <PartFailed {...props} />
+      </div>
+      <PlainStop />
+    </div>
+  );
+}
+
+function Page() {
   const sessionLoaded = useConsole((state) => state.sessionLoaded);
   const session = useConsole((state) => state.session);
   const solid = useSetting("reduceTransparency");

@@ -36,12 +36,12 @@ export class Boundary extends Component<BoundaryProps, { reason: string | null }
   }
   override render() {
     const { reason } = this.state;
-    const { children, fallback: Fallback = Failed } = this.props;
+    const { children, fallback: Fallback = PartFailed } = this.props;
     return reason === null ? children : <Fallback reason={reason} onRetry={this.retry} />;
   }
 }
 
-function Failed({ reason, onRetry }: FallbackProps) {
+export function PartFailed({ reason, onRetry }: FallbackProps) {
   const text = useText();
   return (
     <div role="alert" className="panel flex max-w-xl flex-col items-start gap-3 p-5">

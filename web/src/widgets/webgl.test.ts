@@ -51,4 +51,12 @@ describe("a browser's WebGL", () => {
     expect(vi.mocked(HTMLCanvasElement.prototype.getContext)).toHaveBeenCalledTimes(asked);
     expect(loseContext.mock.calls.length > 0).toBe(renderer !== null);
   });
+
+  it("with an extension that lets no page look, by throwing", async () => {
+    vi.spyOn(HTMLCanvasElement.prototype, "getContext").mockImplementation(() => {
+      throw new Error("blocked");
+    });
+    const { drawsInSoftware, hasWebGl } = await import("./webgl");
+    expect({ there: hasWebGl(), software: drawsInSoftware() }).toEqual({ there: false, software: true });
+  });
 });

@@ -15,9 +15,14 @@ export function drawsInSoftware(): boolean {
   return isSoftware;
 }
 
-/** What a new context tells; null where the browser gives none, or none that is `fast`. */
+/** What a new context tells; null where the browser gives none, throws, or gives none that is `fast`. */
 function probe<T>(fast: boolean, ask: (context: WebGL2RenderingContext) => T): T | null {
-  const context = document.createElement("canvas").getContext("webgl2", { failIfMajorPerformanceCaveat: fast });
+  let context: WebGL2RenderingContext | null = null;
+  try {
+    context = document.createElement("canvas").getContext("webgl2", { failIfMajorPerformanceCaveat: fast });
+  } catch {
+    // An extension that guards against fingerprints may throw: the page, with its stop, must be shown all the same.
+  }
   if (context === null) return null;
   const answer = ask(context);
   releaseContext(context);

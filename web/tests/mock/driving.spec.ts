@@ -119,7 +119,7 @@ test("a stick overrides a mission, and the view says so", async ({ page }) => {
   await hold(page, "release");
   await expect(page.getByText("Sticks are live: they override the mission")).toBeVisible();
   await holdStick(page);
-  await expect(page.getByTestId("sentence")).toHaveText("Driven by hand, the mission waits");
+  await expect(page.getByTestId("sentence")).toHaveText("Driven by hand; the mission waits");
   await page.mouse.up();
   await expect(page.getByTestId("sentence")).toContainText("tag");
 });

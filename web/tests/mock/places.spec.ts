@@ -32,7 +32,7 @@ test("a map is saved, chosen, loaded and deleted", async ({ page }) => {
   await page.getByRole("button", { name: "Save map" }).click();
   await expect(page.getByText("Map spring saved")).toBeVisible();
   await expect(page.getByText("lupin up --map '/home/grower/.local/state/lupin/maps/spring.yaml'")).toBeVisible();
-  await holdNamed(page, "Hold to load the map spring", "SLAM goes on in the map spring");
+  await holdNamed(page, "Hold to load the map spring", "The robot now uses the map spring");
   await expect(page.getByText("It cannot be deleted now: it is the loaded map.")).toBeVisible();
   await expect(page.getByRole("button", { name: "Hold to delete the map spring" })).toBeDisabled();
   await page.getByRole("button", { name: "hall", exact: true }).click();
@@ -53,7 +53,7 @@ test("the robot is relocated by a drawn pose", async ({ page }) => {
   const errors = await openPlaces(page);
   await page.getByRole("tabpanel", { name: "Places" }).getByRole("button", { name: "Correct the position" }).click();
   await drawPose(page);
-  await page.getByRole("button", { name: "It is there" }).click();
+  await page.getByRole("button", { name: "It is here" }).click();
   await expect(page.getByText("The robot was told where it is")).toBeVisible();
   expect(errors).toEqual([]);
 });

@@ -88,7 +88,7 @@ const Entry = memo(function Entry({ row }: { row: JournalRow }) {
         <p className={cn("flex items-start gap-2 text-sm", isRefused ? "text-attention" : "text-text")}>
           {isRefused ? <Ban aria-hidden="true" className="mt-0.5 size-4 shrink-0" /> : <CircleCheck aria-hidden="true" className="mt-0.5 size-4 shrink-0 text-text-3" />}
           <span className="min-w-0 break-words">
-            <span className="font-semibold">{row.what}</span>
+            <span lang="en" className="font-semibold">{row.what}</span>
             {row.repeats > 0 && <span className="ml-2 text-xs text-text-3">{text("logs_repeats", { count: row.repeats })}</span>}
             {isRefused && <span className="block text-xs">{text("logs_refused", { reason: row.refused })}</span>}
             {row.detail !== "" && <span className="block text-xs break-all text-text-3 numeric">{row.detail}</span>}

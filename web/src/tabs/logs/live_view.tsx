@@ -138,7 +138,7 @@ function Line({ row, isNarrow, isSelected, onSelect }: { row: LogRow; isNarrow: 
     </>
   );
   const message = (
-    <span className={cn("min-w-0 grow truncate text-left text-sm", row.level === "debug" ? "text-text-3" : row.level === "info" ? "text-text" : tone)}>{row.message}</span>
+    <span lang="en" className={cn("min-w-0 grow truncate text-left text-sm", row.level === "debug" ? "text-text-3" : row.level === "info" ? "text-text" : tone)}>{row.message}</span>
   );
   return (
     <button
@@ -176,7 +176,7 @@ function Details({ row, onClose }: { row: LogRow; onClose: () => void }) {
           <X />
         </Button>
       </div>
-      <p className="mt-2 max-h-40 overflow-y-auto text-sm break-words whitespace-pre-wrap">{row.message}</p>
+      <p lang="en" className="mt-2 max-h-40 overflow-y-auto text-sm break-words whitespace-pre-wrap">{row.message}</p>
     </div>
   );
 }

@@ -121,7 +121,7 @@ const Block = memo(function Block({ lines }: { lines: readonly TextLine[] }) {
   return (
     <div className="[content-visibility:auto]" style={{ containIntrinsicSize: `auto ${lines.length * LINE_PX}px` }}>
       {lines.map((line) => (
-        <p key={line.number} className={cn("break-words whitespace-pre-wrap", TONES[line.tone])}>
+        <p key={line.number} lang="en" className={cn("break-words whitespace-pre-wrap", TONES[line.tone])}>
           {line.text || " "}
         </p>
       ))}
