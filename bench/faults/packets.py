@@ -130,10 +130,9 @@ def corrupt_packets(rng: random.Random) -> Fault:
         )
     machine, percent = rng.choice(ENDS), rng.choice((30, 60, 100))
     hook = rng.choice(("input", "output"))
+    share = f"numgen random mod 100 < {percent} " if percent < 100 else ""  # nft takes no comparison that always holds
     # The first word behind the UDP header is the protocol's name, RTPS: a receiver ignores a datagram without it.
-    rule = (
-        f"{interface_match(machine, hook)} meta l4proto udp numgen random mod 100 < {percent} counter @th,64,32 set 0xdeadbeef"
-    )
+    rule = f"{interface_match(machine, hook)} meta l4proto udp {share}counter @th,64,32 set 0xdeadbeef"
     effect = Effect.BREAKS if percent >= 60 else Effect.MAY_BREAK
     text = f"{machine}: {hook} of {percent} % of UDP: payload overwritten"
     step = filter_step(machine, hook, table_name(rng), rule)
