@@ -10,7 +10,7 @@ import contextlib
 import hashlib
 import math
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,7 @@ from lupin_runtime.console.request_rules import (
 from lupin_runtime.console.rewind import Rewind
 from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import SESSION_LIFETIME_S, Sessions
+from lupin_runtime.console.settings import settings_file, stored_settings
 from lupin_runtime.console.shared_data import SharedData
 from lupin_runtime.console.stop_registry import press_name
 from lupin_runtime.console.video import VideoRelay
@@ -125,7 +126,7 @@ class Origin:
         self._sessions = sessions
         self._codes = codes
         self._events = EventChannel()
-        self._shared = SharedData(bridge, self._events)
+        self._shared = SharedData(bridge, self._events, self._apply_settings)
         self._maps = Maps(bridge, run)
         self._approaches = Approaches(bridge, self._events, overrides_file)
         self._rewind = Rewind()
@@ -140,6 +141,7 @@ class Origin:
     def application(self) -> web.Application:
         """Return the aiohttp application with all routes."""
         application = web.Application(middlewares=[self._guard])
+        application.on_startup.append(self._apply_stored_settings)
         application.router.add_get("/", self._page)
         if _PAGE.is_dir():
             application.router.add_static("/page/", _PAGE)
@@ -382,6 +384,14 @@ class Origin:
         self._bridge.authority.take(session, time.monotonic_ns())
         self._bridge.record(session.name, f"{'fix' if confirmed else 'preview the fix of'} {finding[:100]}")
         return web.json_response(await self.doctor.fix(finding, dry_run=not confirmed))
+
+    def _apply_settings(self, settings: Mapping[str, Any]) -> None:
+        self.video.point_at(settings.get("webVideoServerUrl", ""))
+
+    async def _apply_stored_settings(self, _: web.Application) -> None:
+        # A damaged file is named to whoever asks for the settings.
+        with contextlib.suppress(MalformedFile, OSError):
+            self._apply_settings(await asyncio.to_thread(stored_settings, settings_file()))
 
     async def _listen(self, request: web.Request) -> web.StreamResponse:
         session = request[SESSION]

@@ -3,8 +3,8 @@
 Topics, limits and what concerns the robot are stored by the console for all browsers. Each browser keeps its own look, voice
 and focus settings: they suit one screen and one person, and changing them must command nothing.
 
-The key for a voice service is not among them: it stays in the browser in which it was typed. Nor are the addresses of rosbridge
-and video: both are served at the page's own origin.
+The key for a voice service is not among them: it stays in the browser in which it was typed. An empty address means this
+console's own rosbridge or the robot's own video server. A page on another rosbridge watches and stops, and commands nothing.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from lupin_runtime.stack.runs import state_directory
 VERSION = 5
 OLDEST_VERSION = 2
 # Before version 5, browsers stored values under these names that no operator had chosen.
-_DROPPED_BEFORE_5 = ("polarityInvertHmi", "estopAutoOnFocusLoss")
-_KEPT_BY_BROWSERS = ("rosUrl", "webVideoServerUrl", "geminiApiKey", "voiceNamedLocations")
+_DROPPED_BEFORE_5 = ("polarityInvertHmi", "estopAutoOnFocusLoss", "rosUrl", "webVideoServerUrl")
+_KEPT_BY_BROWSERS = ("geminiApiKey", "voiceNamedLocations")
+# No user, query or fragment: the one is a secret, the others belong to a request.
+_ADDRESS = re.compile(r"(?P<scheme>[a-z]+)://(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9_.-]{1,253})(:[0-9]{1,5})?(/[A-Za-z0-9_.~/-]*)?")
 _NAME = re.compile(r"[A-Za-z_/][A-Za-z0-9_/]{0,255}")
 
 
@@ -35,7 +37,8 @@ class BadSetting(ValueError):
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting, of the same type as its default. Numbers have a range; texts may have choices, or be ROS names.
+    """One setting, of the same type as its default. Numbers have a range; texts may have choices, be ROS names, or be an
+    address of one of some schemes or empty.
 
     Those that are not `shared` are kept by each browser.
     """
@@ -47,6 +50,7 @@ class Setting:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     ros_name: bool = False
+    schemes: tuple[str, ...] = ()
     max_length: int = 256
     shared: bool = True
 
@@ -65,9 +69,18 @@ class Setting:
             return self._expect(value, value in self.choices, f"one of {', '.join(self.choices)}")
         if self.ros_name:
             return self._expect(value, isinstance(value, str) and bool(_NAME.fullmatch(value)), "a ROS name")
+        if self.schemes:
+            return self._expect(value, isinstance(value, str) and self._is_address(value), self._address_kind())
         return self._expect(
             value, isinstance(value, str) and len(value) <= self.max_length, f"text of up to {self.max_length} characters"
         )
+
+    def _is_address(self, value: str) -> bool:
+        found = _ADDRESS.fullmatch(value) if len(value) <= self.max_length else None
+        return value == "" or (found is not None and found["scheme"] in self.schemes and int((found[3] or ":1")[1:]) in range(1, 65536))
+
+    def _address_kind(self) -> str:
+        return f"empty or an address like {' or '.join(f'{scheme}://10.42.0.1:9090' for scheme in self.schemes)}"
 
     def _expect(self, value: Any, fits: bool, kind: str) -> Any:
         if not fits:
@@ -92,6 +105,9 @@ SETTINGS = (
     _topic("mapTopic", graph.MAP),
     _topic("planTopic", graph.PLAN),
     _topic("goalPoseTopic", graph.GOAL_POSE),
+    # A browser's own: the page of one operator may watch another robot.
+    Setting("rosUrl", "", schemes=("ws", "wss"), shared=False),
+    Setting("webVideoServerUrl", "", schemes=("http", "https")),
     Setting("mapFrame", graph.MAP_FRAME, ros_name=True),
     Setting("baseFrame", graph.BASE_FRAME, ros_name=True),
     Setting("speedScale", 0.5, low=0.05, high=1.0),
@@ -156,6 +172,8 @@ def describe_settings() -> list[dict[str, Any]]:
             row["choices"] = setting.choices
         elif setting.ros_name:
             row["ros_name"] = True
+        elif setting.schemes:
+            row.update(schemes=setting.schemes, max_length=setting.max_length)
         elif isinstance(setting.default, str):
             row["max_length"] = setting.max_length
         if not setting.shared:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from typing import Any
 
 from aiohttp import web
@@ -49,9 +50,11 @@ _SETTINGS_BODY: dict[str, dict[str, Any]] = {
 class SharedData:
     """The resources' handlers. Used on the event loop only; files are read and written on other threads."""
 
-    def __init__(self, bridge: Bridge, events: EventChannel) -> None:
+    def __init__(self, bridge: Bridge, events: EventChannel, apply: Callable[[dict[str, Any]], None]) -> None:
+        """`apply` is told the settings after each change."""
         self._bridge = bridge
         self._events = events
+        self._apply = apply
 
     def resources(self) -> tuple[Resource, ...]:
         """Return the routes, each with a summary of its answer."""
@@ -132,6 +135,7 @@ class SharedData:
             settings = await asyncio.to_thread(change_settings, settings_file(), changes, version)
         except BadSetting as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from error
+        self._apply(settings)
         self._bridge.record(request[SESSION].name, "change settings", changes)
         self._events.push("settings", settings)
         return web.json_response({"version": VERSION, "settings": settings})

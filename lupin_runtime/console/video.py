@@ -49,13 +49,13 @@ class VideoUnavailable(Exception):
 
 
 class VideoRelay:
-    """Forwards the images of the video server at `target`, a URL without a path. Used on the event loop only.
+    """Forwards the images of the video server at `own_target`, or at the one that `point_at` names. Used on the event loop only.
 
     `may_see` returns whether the sender of a request may still see images.
     """
 
-    def __init__(self, target: str, may_see: Callable[[web.Request], bool]) -> None:
-        self._target = target
+    def __init__(self, own_target: str, may_see: Callable[[web.Request], bool]) -> None:
+        self._own_target = self._target = own_target
         self._may_see = may_see
         self._http: aiohttp.ClientSession | None = None
         self._upstreams: dict[StreamRequest, _Upstream] = {}
@@ -70,10 +70,21 @@ class VideoRelay:
             Resource("/_video/stream", self._guarded(self._stream), f"Images without end, for an <img>: {_QUERY}."),
         )
 
-    async def close(self) -> None:
-        """End all streams."""
+    def point_at(self, target: str) -> None:
+        """Fetch images from another URL; from the own one again if it is empty. Streams that end are asked for again."""
+        target = target.rstrip("/") or self._own_target
+        if target != self._target:
+            self._target = target
+            self._end_streams()
+
+    def _end_streams(self) -> None:
         for upstream in list(self._upstreams.values()):
             upstream.cancel()
+        self._upstreams.clear()
+
+    async def close(self) -> None:
+        """End all streams."""
+        self._end_streams()
         if self._http is not None:
             await self._http.close()
 

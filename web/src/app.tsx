@@ -5,6 +5,7 @@ import { useIsPhone } from "@/hooks/use_is_phone";
 import { useText } from "@/i18n/text";
 import { Aurora } from "@/shell/aurora";
 import { BootSequence } from "@/shell/boot_sequence";
+import { ElsewhereBanner } from "@/shell/elsewhere_banner";
 import { EventLine } from "@/shell/event_line";
 import { LinkBanner } from "@/shell/link_banner";
 import { Messages } from "@/shell/messages";
@@ -95,6 +96,7 @@ function Cockpit() {
         <Boundary>
           <LinkBanner />
           <VersionBanner />
+          <ElsewhereBanner />
           <TabBanner />
           <StoppedBanner />
           <WheelsBanner />

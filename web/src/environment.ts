@@ -10,13 +10,16 @@ export function socketUrl(path: string): string {
   return `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}${path}`;
 }
 
+/** The address of rosbridge that the page's own address asks for: `?ros=`; null where it asks for none. */
+export const ROS_QUERY = query.get("ros");
+
 /**
- * The address of rosbridge: this origin's, or the one that `?ros=` names. On an HTTPS page a ws:// address is passed over, as
- * the browser would refuse it.
+ * The address of rosbridge: this origin's, or the one that was asked for. What is no such address is passed over, and so is ws://
+ * on an HTTPS page, as the browser would refuse it.
  */
-export function rosbridgeUrl(asked: string | null = query.get("ros")): string {
+export function rosbridgeUrl(asked: string | null): string {
   const own = socketUrl("/_ros");
-  if (asked === null || !/^wss?:\/\//.test(asked)) return own;
+  if (asked === null || !/^wss?:\/\//.test(asked) || !URL.canParse(asked)) return own;
   if (location.protocol === "https:" && asked.startsWith("ws:")) return own;
-  return asked;
+  return new URL(asked).href === new URL(own).href ? own : asked;
 }

@@ -27,7 +27,7 @@ class FakeSocket {
   onclose: (() => void) | null = null;
   onmessage: ((event: { data: unknown }) => void) | null = null;
 
-  constructor() {
+  constructor(readonly url: string | URL = "") {
     sockets.push(this);
   }
 
@@ -88,6 +88,7 @@ function stops(): Frame[] {
 
 beforeEach(() => {
   vi.useFakeTimers();
+  localStorage.clear();
   vi.stubGlobal("WebSocket", FakeSocket);
   vi.stubGlobal("BroadcastChannel", class {
     postMessage(): void {}
@@ -168,6 +169,54 @@ describe("the one gate of the page", () => {
     expect([robot.gate.isStated, robot.gate.press === press]).toEqual([true, false]);
     status(robot.gate.press);
     expect([robot.gate.isStated, robot.gate.engaged]).toEqual([false, true]);
+  });
+});
+
+describe("a page on another robot's rosbridge", () => {
+  async function openElsewhere() {
+    localStorage.setItem("lupin-hmi-settings/v5", JSON.stringify({ rosUrl: "ws://192.0.2.7:9090" }));
+    const asked: [string, unknown][] = [];
+    vi.stubGlobal("fetch", (path: string, { body }: RequestInit = {}) => {
+      asked.push([path, body === undefined ? null : JSON.parse(String(body))]);
+      const session = { name: OWN, role: "operator" };
+      return Promise.resolve(Response.json(path === "/_api/session" ? { session, control: { holder: OWN, since_s: null, requester: null }, stop: [] } : { stop: [] }));
+    });
+    vi.resetModules();
+    const robot = await import("@/robot");
+    void robot.startRobot();
+    await vi.advanceTimersByTimeAsync(100);
+    sockets.findLast((socket) => String(socket.url).includes("192.0.2.7"))?.onopen?.();
+    await vi.advanceTimersByTimeAsync(100);
+    frames = [];
+    asked.length = 0;
+    return { robot, asked };
+  }
+
+  it("watches: no command, no velocity, no release, although its browser has control", async () => {
+    const { robot, asked } = await openElsewhere();
+    for (const { row } of COMMANDS) expect(() => robot.checkCommand(row)).toThrow("elsewhere_no_command");
+    robot.driver.hold("keyboard", { x: 0.3, y: 0, yaw: 0 });
+    await expect(robot.release()).rejects.toThrow("elsewhere_no_command");
+    robot.gate.engage("window-blur");
+    await vi.advanceTimersByTimeAsync(7000);
+    expect(frames.filter(({ op }) => op === "publish")).toEqual([]);
+    expect(asked.filter(([path]) => path === "/_api/stop")).toEqual([]);
+    expect([robot.driveBlocker(), robot.gate.engaged]).toEqual(["viewer", true]);
+  });
+
+  it("stops both robots, holds the wheels of none, and takes back its own stop at both", async () => {
+    const { robot, asked } = await openElsewhere();
+    robot.stop();
+    await vi.advanceTimersByTimeAsync(2000);
+    const { press } = robot.gate;
+    expect(stops().length).toBeGreaterThan(2);
+    expect(velocities()).toEqual([]);
+    const told = () => asked.filter(([path]) => path === "/_api/stop").map(([, body]) => body);
+    expect(told()).toEqual([{ engaged: true, press }]);
+    robot.withdrawStop();
+    await vi.advanceTimersByTimeAsync(100);
+    expect(frames.findLast(({ topic }) => topic === TOPICS.HMI_ESTOP.name)?.msg?.data).toBe(false);
+    expect(told().at(-1)).toEqual({ engaged: false, presses: [press] });
   });
 });
 

@@ -4,7 +4,7 @@ import { type ConsoleState, hasControl, useConsole } from "@/api/console_store";
 import { dropChannel, followServer } from "@/api/events";
 import { pair, takeScannedCode } from "@/api/pairing";
 import { ask } from "@/api/http";
-import { IS_MOCK, rosbridgeUrl, socketUrl } from "@/environment";
+import { IS_MOCK, ROS_QUERY, rosbridgeUrl, socketUrl } from "@/environment";
 import { SERVICES, TOPICS } from "@/generated/graph";
 import type { MessageTypes, ServiceTypes } from "@/generated/messages";
 import { CommandRefused, refuseCommand } from "@/rewind/guard";
@@ -14,6 +14,7 @@ import { LinkLost, type LinkState, Rosbridge, type Socket } from "@/ros/rosbridg
 import { TopicStore } from "@/ros/topics";
 import { followTabs, isWatching, useTabRole } from "@/safety/commanding_tab";
 import { type Blocker, Driver, type Velocity, ZERO, isZero } from "@/safety/drive";
+import { elsewhere, goElsewhere } from "@/safety/elsewhere";
 import { followFocus } from "@/safety/focus";
 import { releaseStop } from "@/safety/release";
 import { type Holder, StopGate, type StopReason } from "@/safety/stop_gate";
@@ -80,7 +81,10 @@ export const useDrive = create<DriveStore>(() => ({ commanded: ZERO, blocker: nu
 
 let openMockSocket: (() => Socket) | null = null;
 
-export const link = new Rosbridge(() => openMockSocket?.() ?? (new WebSocket(rosbridgeUrl()) as unknown as Socket));
+const bridgeUrl = rosbridgeUrl(ROS_QUERY ?? setting("rosUrl"));
+goElsewhere(IS_MOCK || bridgeUrl === rosbridgeUrl(null) ? null : bridgeUrl);
+
+export const link = new Rosbridge(() => openMockSocket?.() ?? (new WebSocket(bridgeUrl) as unknown as Socket));
 export const topics = new TopicStore(link);
 
 /** A row of the graph's tables. */
@@ -136,6 +140,7 @@ export const gate = new StopGate({
     const wasSent = link.publish(TOPICS.HMI_ESTOP.name, TOPICS.HMI_ESTOP.type, { data: engaged }, press);
     noteStop(TOPICS.HMI_ESTOP.name, engaged, wasSent);
     if (engaged && wasSent) useGate.setState({ wasSent });
+    if (elsewhere() !== null) stateToConsole(engaged, press);
   },
   zero: () => sendVelocity(ZERO),
   cancelGoals,
@@ -148,6 +153,18 @@ export const gate = new StopGate({
     if (state.engaged) driver.letGo();
   },
 });
+
+/** What was last stated to the console of a page that shows another robot. */
+let toldConsole: { engaged: boolean; press: string } | null = null;
+
+/** State the stop of such a page to its console too: an operator who presses it means the robot that is near. */
+function stateToConsole(engaged: boolean, press: string): void {
+  if (toldConsole?.engaged === engaged && toldConsole.press === press) return;
+  toldConsole = { engaged, press };
+  ask("/_api/stop", engaged ? { engaged, press } : { engaged, presses: [press] }).catch(() => {
+    toldConsole = null; // it is repeated with the next statement
+  });
+}
 
 function holderOf(state: ConsoleState): Holder {
   if (state.control.holder === null) return "nobody";
@@ -283,7 +300,7 @@ export async function startRobot(): Promise<void> {
     if (role === "watching" && before.role === "commanding" && !gate.engaged) sendVelocity(ZERO);
     applyControl();
   });
-  followTabs();
+  if (elsewhere() === null) followTabs();
   // What the view of another tab holds, nobody sees any more.
   useRoute.subscribe(({ tab }, before) => {
     if (tab !== before.tab) driver.letGo();

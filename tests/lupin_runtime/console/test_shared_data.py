@@ -219,6 +219,10 @@ def test_settings_of_one_browser_are_not_shared(browser: Browser, state: Path) -
         {"cmdVelType": []},
         {"scanTopic": "/scan; rm"},
         {"scanTopic": 7},
+        {"webVideoServerUrl": "ws://10.42.0.1:8181"},
+        {"webVideoServerUrl": "http://someone:secret@10.42.0.1"},
+        {"webVideoServerUrl": "http://10.42.0.1/?topic=/x"},
+        {"webVideoServerUrl": "http://10.42.0.1:70000"},
         {"polarityInvertHmi": 1},
         [],
         None,
@@ -236,13 +240,15 @@ def test_change_with_an_invalid_setting_is_refused_entirely(browser: Browser, ch
 def test_settings_of_earlier_pages_are_migrated(browser: Browser, version: int) -> None:
     stored = {
         "rosUrl": "ws://10.42.0.1:9090",
+        "webVideoServerUrl": "http://10.42.0.1:8181",
         "geminiApiKey": "secret",
         "speedScale": 0.75,
         "polarityInvertHmi": True,
         "estopAutoOnFocusLoss": False,
     }
     seen = browser.post("/_api/settings", version=version, settings=stored)["settings"]
-    assert seen == {"speedScale": 0.75, **({"polarityInvertHmi": True} if version == 5 else {})}
+    chosen = {"polarityInvertHmi": True, "webVideoServerUrl": "http://10.42.0.1:8181"} if version == 5 else {}
+    assert seen == {"speedScale": 0.75, **chosen}
     assert "secret" not in settings.settings_file().read_text()
 
 

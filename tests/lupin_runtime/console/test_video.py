@@ -92,6 +92,28 @@ def test_images_cross_the_link_once_for_all_browsers(
     assert not images.subscriptions
 
 
+def test_another_address_ends_the_streams_of_the_first(
+    graph_host: GraphHost, console: Console, server: VideoHttpServer, images: PublishedImages, client: VideoClient
+) -> None:
+    other_images = PublishedImages()
+    other = VideoHttpServer("127.0.0.1", 0, VideoStreams(other_images, lambda _: None))
+    other.start()
+    try:
+        client.stream("/stream?topic=/jpeg")
+        browser = Browser(console.port)
+        browser.post("/_api/settings", settings={"webVideoServerUrl": f"http://127.0.0.1:{other.port}/"})
+        graph_host.until(lambda: clients_of(server) == 0, what="the end of the first server's stream")
+        stream = client.stream("/stream?topic=/jpeg")
+        other_images.publish(JPEG, 7)
+        assert stream.image() == (JPEG, 7)
+        browser.post("/_api/settings", settings={"webVideoServerUrl": ""})
+        graph_host.until(lambda: clients_of(other) == 0, what="the end of the other server's stream")
+        images.publish(JPEG, 8)
+        assert client.get("/streams")[0] == 200
+    finally:
+        other.stop()
+
+
 def test_browsers_that_join_and_leave_quickly_leave_nothing(
     graph_host: GraphHost, console: Console, server: VideoHttpServer, images: PublishedImages
 ) -> None:

@@ -193,5 +193,5 @@ export function otherBrowsers({ browsers, session }: ConsoleState): Session[] {
 }
 
 export function hasControl(state: ConsoleState): boolean {
-  return state.session !== null && state.control.holder === state.session.name;
+  return state.session?.role === "operator" && state.control.holder === state.session.name;
 }

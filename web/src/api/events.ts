@@ -1,4 +1,5 @@
 /** The channel on which the console's server pushes every change, and the heartbeat that keeps control. */
+import { elsewhere } from "@/safety/elsewhere";
 import { every } from "@/safety/timers";
 import { localStorageOrNull } from "@/state/settings";
 import { forgetStoredLocations, storedLocations } from "@/state/stored_locations";
@@ -16,7 +17,7 @@ export async function followServer(socketUrl: string): Promise<void> {
   try {
     const answer = await ask<{ session: Session | null; control: Control; stop: ConsoleState["stop"]; page?: string }>("/_api/session");
     noteVersion(answer.page ?? "");
-    useConsole.setState({ session: answer.session, sessionLoaded: true, control: answer.control });
+    useConsole.setState({ session: ownSession(answer.session), sessionLoaded: true, control: answer.control });
     showStops(answer.stop);
     if (answer.session === null) return; // the page asks for a code, and follows again once it was accepted
     void loadShared();
@@ -26,6 +27,11 @@ export async function followServer(socketUrl: string): Promise<void> {
     setOnline(false);
     setTimeout(() => void followServer(socketUrl), RETRY_MS);
   }
+}
+
+/** What this page may do here: whatever its console would allow, it only watches another robot than the console's. */
+function ownSession(session: Session | null): Session | null {
+  return session === null || elsewhere() === null ? session : { ...session, role: "viewer" };
 }
 
 /** The page was loaded from the server moments before its first answer; another version later is a newer page. */

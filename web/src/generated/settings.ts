@@ -14,6 +14,8 @@ export interface Settings {
   mapTopic: string;
   planTopic: string;
   goalPoseTopic: string;
+  rosUrl: string;
+  webVideoServerUrl: string;
   mapFrame: string;
   baseFrame: string;
   speedScale: number;
@@ -100,6 +102,25 @@ export const SETTINGS = {
     "default": "/goal_pose",
     "unit": "",
     "ros_name": true
+  },
+  "rosUrl": {
+    "default": "",
+    "unit": "",
+    "schemes": [
+      "ws",
+      "wss"
+    ],
+    "max_length": 256,
+    "shared": false
+  },
+  "webVideoServerUrl": {
+    "default": "",
+    "unit": "",
+    "schemes": [
+      "http",
+      "https"
+    ],
+    "max_length": 256
   },
   "mapFrame": {
     "default": "map",

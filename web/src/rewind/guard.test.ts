@@ -1,12 +1,15 @@
+// @vitest-environment jsdom
 import { afterEach, describe, expect, it } from "vitest";
 import { SERVICES, TOPICS } from "@/generated/graph";
 import { CommandRefused, refuseCommand, refuseRequest } from "./guard";
 import { useTabRole } from "@/safety/commanding_tab";
+import { goElsewhere } from "@/safety/elsewhere";
 import { LIVE, useRewind } from "./state";
 
 afterEach(() => {
   useRewind.setState(LIVE);
   useTabRole.setState({ role: "unknown" });
+  goElsewhere(null);
 });
 
 describe("a page that shows the past", () => {
@@ -41,6 +44,23 @@ it("a tab that watches another one stops and commands nothing", () => {
   expect(() => refuseCommand(TOPICS.GOAL_POSE)).toThrow("other_tab_no_command");
   expect(() => refuseRequest("/_api/lease", { action: "take" })).toThrow("other_tab_no_command");
   expect(() => refuseRequest("/_api/stop", { engaged: true })).not.toThrow();
+});
+
+it("a page that shows another robot than its console's stops, takes that back, and commands nothing", async () => {
+  const { gate } = await import("@/robot");
+  goElsewhere("ws://192.0.2.7:9090");
+  expect(() => refuseCommand(TOPICS.GOAL_POSE)).toThrow("elsewhere_no_command");
+  expect(() => refuseCommand(SERVICES.GET_TIME)).not.toThrow();
+  for (const [path, body] of [
+    ["/_api/lease", { action: "take" }],
+    ["/_api/stop", { engaged: false }],
+    ["/_api/stop", { engaged: false, presses: [] }],
+    ["/_api/stop", { engaged: false, presses: [gate.press, "press:phone"] }],
+  ] as const) {
+    expect(() => refuseRequest(path, body)).toThrow("elsewhere_no_command");
+  }
+  expect(() => refuseRequest("/_api/stop", { engaged: true })).not.toThrow();
+  expect(() => refuseRequest("/_api/stop", { engaged: false, presses: [gate.press] })).not.toThrow();
 });
 
 it("a live page sends everything", () => {

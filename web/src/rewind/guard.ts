@@ -1,14 +1,16 @@
 /**
  * What may be sent while the page shows the past, where nobody sees what a command would do, and while another tab of this
- * browser commands.
+ * browser commands, or it shows another robot than its console's.
  */
 import { TextError } from "@/i18n/text_error";
 import { isWatching } from "@/safety/commanding_tab";
+import { elsewhere } from "@/safety/elsewhere";
+import { isOwnPress } from "@/safety/stop_gate";
 import { isRewound } from "./state";
 
-/** Requests that command nothing, and the stop. */
+/** Requests that command nothing, the stop, and what takes back a stop of this page alone. */
 const ALLOWED: readonly ((path: string, body: Record<string, unknown>) => boolean)[] = [
-  (path, { engaged }) => path === "/_api/stop" && engaged === true,
+  (path, { engaged, presses }) => path === "/_api/stop" && (engaged === true || (Array.isArray(presses) && presses.length > 0 && presses.every(isOwnPress))),
   (path, { action }) => path === "/_api/lease" && ["grant", "refuse", "give_up"].includes(String(action)),
   (path) => path === "/_api/doctor/examination" || path === "/_api/pair",
 ];
@@ -31,5 +33,6 @@ export function refuseCommand(row: { readonly console?: string }): void {
 }
 
 function currentRefusal(): CommandRefused | null {
+  if (elsewhere() !== null) return new CommandRefused("elsewhere_no_command");
   return isRewound() ? new CommandRefused("rewind_no_command") : isWatching() ? new CommandRefused("other_tab_no_command") : null;
 }

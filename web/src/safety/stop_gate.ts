@@ -61,6 +61,11 @@ function isPersonal(reason: StopReason | null): boolean {
 /** No other page has this name, and it is no secret; `crypto.randomUUID` is missing where the page came over plain HTTP. */
 const PAGE = `press:${Date.now().toString(36)}${Math.random().toString(36).slice(2)}`;
 
+/** Whether a stop at the server is one of this page. */
+export function isOwnPress(press: unknown): boolean {
+  return typeof press === "string" && (press === PAGE || press.startsWith(`${PAGE}-`));
+}
+
 /** Pure but for its timers, which `start` and `close` begin and end. */
 export class StopGate {
   engaged = true;

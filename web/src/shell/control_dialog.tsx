@@ -3,6 +3,7 @@ import { ask } from "@/api/http";
 import { AUTHORITY } from "@/generated/robot";
 import { useIsControlStale } from "@/hooks/use_situation";
 import { type TextKey, useText } from "@/i18n/text";
+import { elsewhere } from "@/safety/elsewhere";
 import { showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
@@ -57,7 +58,7 @@ export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenCha
         <div className="flex flex-col gap-4">
           <p className={cn("text-base", isStale && "text-text-3")}>{text(controlText({ isStale, mine, holder }), { holder: holder ?? "" })}</p>
           {state.session?.role === "viewer" ? (
-            <p className="text-text-2">{text("viewer_explained")}</p>
+            <p className="text-text-2">{text(elsewhere() === null ? "viewer_explained" : "elsewhere_no_command")}</p>
           ) : (
             <div className="flex flex-wrap gap-3">
               {mine && <Button onClick={() => void lease("give_up")}>{text("give_up_control")}</Button>}

@@ -7,6 +7,7 @@ import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { useIsRewound } from "@/rewind/state";
 import { gate as stopGate, release, useGate, useLink, withdrawStop } from "@/robot";
+import { elsewhere } from "@/safety/elsewhere";
 import { useTabRole } from "@/safety/commanding_tab";
 import { type StopLine, stopLines } from "@/state/stop_reasons";
 import { cn } from "@/ui/cn";
@@ -71,7 +72,7 @@ export function StoppedBanner() {
             ? text("release_failed", { reason: problem })
             : mayRelease
               ? text(stopped ? "nothing_moves_after_release" : "cannot_drive_yet_hint")
-              : text(gate.isStated ? "release_needs_withdrawal" : "release_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
+              : elsewhere() !== null && !gate.isStated ? text("elsewhere_no_command") : text(gate.isStated ? "release_needs_withdrawal" : "release_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
           {lines.some(({ name }) => name !== null) && text("this_browser_is", { name: state.session.name })}
         </span>
       </p>

@@ -12,7 +12,7 @@ describe("settings", () => {
   });
 
   it.each([2, 3, 4])("of version %i lose what was not chosen by their operator", (version) => {
-    const old = JSON.stringify({ speedScale: 0.7, polarityInvertHmi: true, estopAutoOnFocusLoss: false });
+    const old = JSON.stringify({ speedScale: 0.7, polarityInvertHmi: true, estopAutoOnFocusLoss: false, rosUrl: "ws://10.42.0.1:9090" });
     expect(readStored(storage({ [`lupin-hmi-settings/v${version}`]: old }))).toEqual({ speedScale: 0.7 });
   });
 
@@ -22,6 +22,20 @@ describe("settings", () => {
       "lupin-hmi-settings/v4": JSON.stringify({ speedScale: 0.1 }),
     };
     expect(readStored(storage(items))).toEqual({ polarityInvertHmi: true });
+  });
+
+  it.each([
+    ["", true],
+    ["ws://10.42.0.1:9090", true],
+    ["wss://greenhouse.local/_ros", true],
+    ["ws://[fd00::1]:9090", true],
+    ["http://10.42.0.1:9090", false],
+    ["ws://user:secret@10.42.0.1", false],
+    ["ws://10.42.0.1:99999", false],
+    ["ws://10.42.0.1/?topic=x", false],
+    ["greenhouse", false],
+  ])("the address %j is allowed: %s", (rosUrl, isAllowed) => {
+    expect(migrate(5, { rosUrl })).toEqual(isAllowed ? { rosUrl } : {});
   });
 
   it.each(["{", "null", "[]", '"x"', '{"speedScale":"fast","nonsense":1}'])("survive the stored text %s", (text) => {

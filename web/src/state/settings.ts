@@ -12,7 +12,7 @@ import { OLDEST_SETTINGS_VERSION, SETTINGS, SETTINGS_VERSION, type Settings } fr
 import { LOCATIONS_FIELD, settingsKey, storedLocations } from "./stored_locations";
 
 /** Before version 5, browsers stored these settings although the operator had not chosen them; they are dropped. */
-const DROPPED_BEFORE_5 = ["polarityInvertHmi", "estopAutoOnFocusLoss"];
+const DROPPED_BEFORE_5 = ["polarityInvertHmi", "estopAutoOnFocusLoss", "rosUrl", "webVideoServerUrl"];
 
 type Stored = Partial<Settings>;
 export type SettingName = keyof Settings;
@@ -24,6 +24,8 @@ export interface SettingRow {
   high?: number;
   choices?: readonly string[];
   ros_name?: boolean;
+  /** An address of one of these, or empty. */
+  schemes?: readonly string[];
   max_length?: number;
   /** False where each browser keeps its own. */
   shared?: boolean;
@@ -38,6 +40,7 @@ export function isShared(name: SettingName): boolean {
 }
 
 const REFUSED_VALUE = 400;
+const ADDRESS = /^([a-z]+):\/\/(?:\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9_.-]{1,253})(?::[0-9]{1,5})?(?:\/[A-Za-z0-9_.~/-]*)?$/;
 const ROS_NAME = /^[A-Za-z_/][A-Za-z0-9_/]{0,255}$/;
 
 const useStored = create<{ stored: Stored }>(() => ({ stored: readStored() }));
@@ -112,6 +115,7 @@ export function isValid(value: unknown, row: SettingRow): boolean {
   }
   if (typeof value !== "string") return true;
   if (row.choices !== undefined) return row.choices.includes(value);
+  if (row.schemes !== undefined) return value === "" || (row.schemes.includes(ADDRESS.exec(value)?.[1] ?? "") && URL.canParse(value));
   return row.ros_name === true ? ROS_NAME.test(value) : value.length <= (row.max_length ?? Infinity);
 }
 

@@ -45,6 +45,8 @@ export const GROUPS: readonly Group[] = [
       "mapTopic",
       "planTopic",
       "goalPoseTopic",
+      "rosUrl",
+      "webVideoServerUrl",
       "mapFrame",
       "baseFrame",
     ],

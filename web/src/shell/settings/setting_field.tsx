@@ -1,9 +1,11 @@
 import { RotateCcw } from "lucide-react";
 import { type ReactNode, useId, useState } from "react";
+import { rosbridgeUrl } from "@/environment";
 import type { Settings } from "@/generated/settings";
 import { TEXT_KEYS, type Text, type TextKey, useText } from "@/i18n/text";
+import { elsewhere } from "@/safety/elsewhere";
 import { showProblem } from "@/state/problems";
-import { type SettingName, type SettingRow, changeSettings, isShared, rowOf, useSetting } from "@/state/settings";
+import { type SettingName, type SettingRow, changeSettings, isShared, isValid, rowOf, useSetting } from "@/state/settings";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { Segments } from "@/ui/segments";
@@ -44,7 +46,17 @@ export function SettingField({ name }: { name: SettingName }) {
     );
   }
   if (typeof value === "number") return <NumberField key={value} label={label} hint={hint} row={row} value={value} reset={reset} onChange={change} />;
-  return <TextField key={value} label={label} hint={hint} long={name === "voiceSystemPrompt"} value={value} reset={reset} onChange={change} />;
+  const needsReload = name === "rosUrl" && rosbridgeUrl(value) !== (elsewhere() ?? rosbridgeUrl(null));
+  return (
+    <>
+      <TextField key={value} label={label} hint={hint} long={name === "voiceSystemPrompt"} row={row} value={value} reset={reset} onChange={change} />
+      {needsReload && (
+        <Button size="small" className="self-start" onClick={() => location.reload()}>
+          {text("settings_open_again")}
+        </Button>
+      )}
+    </>
+  );
 }
 
 function NumberField({
@@ -98,6 +110,7 @@ function TextField({
   label,
   hint,
   long,
+  row,
   value,
   reset,
   onChange,
@@ -105,19 +118,24 @@ function TextField({
   label: string;
   hint: string;
   long: boolean;
+  row: SettingRow;
   value: string;
   reset: ReactNode;
   onChange: (value: string) => void;
 }) {
   const id = useId();
+  const text = useText();
   const [typed, setTyped] = useState(value);
+  const chosen = long ? typed : typed.trim();
+  const isAllowed = isValid(chosen, row);
   const common = {
     id,
     value: typed,
+    "aria-invalid": !isAllowed,
     spellCheck: long,
     autoCapitalize: "off",
     onChange: (event: { target: { value: string } }) => setTyped(event.target.value),
-    onBlur: () => typed !== value && onChange(long ? typed : typed.trim()),
+    onBlur: () => isAllowed && chosen !== value && onChange(chosen),
   };
   return (
     <Labelled label={label} hint={hint} htmlFor={id} reset={reset}>
@@ -127,11 +145,18 @@ function TextField({
         <input
           {...common}
           onKeyDown={(event) => {
-            if (event.key === "Enter" && typed !== value) onChange(typed.trim());
+            if (event.key === "Enter" && isAllowed && chosen !== value) onChange(chosen);
             if (event.key === "Escape") setTyped(value);
           }}
           className={cn(FIELD, "numeric")}
         />
+      )}
+      {!isAllowed && (
+        <span role="alert" className="text-xs text-attention">
+          {row.schemes === undefined
+            ? text("settings_not_allowed")
+            : text("settings_not_an_address", { example: row.schemes.map((scheme) => `${scheme}://10.42.0.1:9090`).join(", ") })}
+        </span>
       )}
     </Labelled>
   );
