@@ -3,7 +3,8 @@
     python -m tools.write_page_types [--check]
 
 `messages.ts` has the types of all messages and services that the table of the graph names, `graph.ts` that table, `robot.ts`
-limits, presets, colors and ranges, `settings.ts` the page's settings, and `robot_model.ts` the shapes of the simulated robot.
+limits, presets, colors and ranges, `settings.ts` the page's settings, `sentences.ts` what the robot and the console say, and
+`robot_model.ts` the shapes of the simulated robot.
 `--check` changes nothing and exits with 1 if a module differs from the code.
 """
 
@@ -25,6 +26,7 @@ from lupin_runtime.arm import limits
 from lupin_runtime.arm.presets import PRESET_DURATION_S, PRESETS
 from lupin_runtime.console import interfaces
 from lupin_runtime.console.authority import LEASE_TIMEOUT_S, REQUEST_TIMEOUT_S, Role
+from lupin_runtime.console.robot_sentences import SENTENCES
 from lupin_runtime.console.settings import OLDEST_VERSION, VERSION, describe_settings
 from lupin_runtime.drive.arbiter import INPUTS
 from lupin_runtime.drive.twist import HardLimits
@@ -249,6 +251,12 @@ def settings_module() -> str:
     )
 
 
+# -- sentences.ts -----------------------------------------------------------------------------------------------------
+def _plain_places(template: str) -> str:
+    """Return a template without the formats of its places: `{seconds:g}` becomes `{seconds}`."""
+    return re.sub(r"\{(\w+):[^}]*\}", r"{\1}", template)
+
+
 # -- robot_model.ts ---------------------------------------------------------------------------------------------------
 def robot_model_module() -> str:
     """Bodies, joints and shapes of the simulated robot, for the page's 3D twin; m, rad, quaternions as (x, y, z, w)."""
@@ -346,6 +354,7 @@ def modules() -> dict[str, str]:
         "graph.ts": graph_module(),
         "robot.ts": robot_module(),
         "settings.ts": settings_module(),
+        "sentences.ts": HEADER + _constant_block("SENTENCES", {name: _plain_places(text) for name, text in SENTENCES.items()}),
         "robot_model.ts": robot_model_module(),
     }
 

@@ -21,6 +21,15 @@ READ_ONLY_PREFIX = "/rosapi/"
 _WRITES = ("/rosapi/set_param", "/rosapi/delete_param")
 
 
+# Reasons of refusals.
+HELD_BY_OTHER = "{name} has had control for {seconds:.0f} s; ask for it or take it over"
+IS_VIEWER = "{name} is a viewer; to drive, pair this browser as operator"
+OTHER_ASKS = "{name} is already asking for control; ask again later"
+HAS_NO_CONTROL = "{name} does not have control"
+NOBODY_ASKS = "nobody is asking for control now"
+NOT_ALLOWED = "{what} is not allowed to clients of the console"
+
+
 class Role(enum.Enum):
     """What a session may do: a viewer may watch and stop the robot, an operator may also take control."""
 
@@ -111,11 +120,11 @@ class Authority:
         if self._holder not in (None, session):
             since_s = (now_ns - self._since_ns) / 1e9
             name = self._holder.name if self._holder else ""
-            raise Refused(f"{name} has had control for {since_s:.0f} s; ask for it or take it over")
+            raise Refused(HELD_BY_OTHER.format(name=name, seconds=since_s))
 
     def _check_role(self, session: Session) -> None:
         if session.role is not Role.OPERATOR:
-            raise Refused(f"{session.name} is a viewer; to drive, pair this browser as operator")
+            raise Refused(IS_VIEWER.format(name=session.name))
 
     def request(self, session: Session, now_ns: int) -> bool:
         """Take the lease if it is free, or else ask its holder for it. Raises Refused.
@@ -128,7 +137,7 @@ class Authority:
             return True
         self._check_role(session)
         if self._requester not in (None, session):
-            raise Refused(f"{self._requester.name if self._requester else ''} is already asking for control; ask again later")
+            raise Refused(OTHER_ASKS.format(name=self._requester.name if self._requester else ""))
         if self._requester is None:
             self._requester, self._requested_ns = session, now_ns
             self._notify(ConsoleEvent(EventKind.CONTROL_REQUESTED, session.name, self._holder.name))
@@ -141,10 +150,10 @@ class Authority:
         """
         self._expire(now_ns)
         if self._holder is not session:
-            raise Refused(f"{session.name} does not have control")
+            raise Refused(HAS_NO_CONTROL.format(name=session.name))
         requester = self._requester
         if requester is None:
-            raise Refused("nobody is asking for control now")
+            raise Refused(NOBODY_ASKS)
         if grant:
             self._grant(requester, now_ns, ConsoleEvent(EventKind.CONTROL_PASSED, session.name, requester.name))
         else:
@@ -221,7 +230,7 @@ class Authority:
         Only with `allow_unlisted` may they offer any, and never one that the graph's table contains. Raises Refused.
         """
         if not self._allow_unlisted or absolute(name) in self._services or absolute(name) in self._actions:
-            raise Refused(f"offering {name} is not allowed to clients of the console")
+            raise Refused(NOT_ALLOWED.format(what=f"offering {name}"))
 
     def needs_control(self, name: str) -> bool:
         """Return whether only the session in control may use the topic, service or action of this name."""
@@ -235,5 +244,5 @@ class Authority:
         # Names that the table lacks are refused too: the vendor's motors, for example, have services that it does not list.
         rule = rules.get(absolute(name), graph.BY_VIEWER if self._allow_unlisted else graph.BY_NOBODY)
         if rule == graph.BY_NOBODY:
-            raise Refused(f"{what} is not allowed to clients of the console")
+            raise Refused(NOT_ALLOWED.format(what=what))
         return rule

@@ -11,6 +11,9 @@ from lupin_runtime.console.program import LupinProgram, ProgramError
 
 EXAMINATION_TIMEOUT_S = 90.0
 FIX_TIMEOUT_S = 300.0
+# Reasons of refusals.
+BUSY = "the doctor is {what}; wait until it has finished"
+NO_SUCH_FINDING = "the last diagnosis has no such finding; examine again"
 
 
 class DoctorError(RuntimeError):
@@ -69,14 +72,14 @@ class Doctor:
 
     def _require_idle(self) -> None:
         if self._state["busy"]:
-            raise DoctorError(f"the doctor is {self._state['busy']}; wait until it has finished")
+            raise DoctorError(BUSY.format(what=self._state["busy"]))
 
     def _fix_of(self, finding_id: str) -> dict[str, Any]:
         roots = (self._state["diagnosis"] or {}).get("findings", [])
         findings = [*roots, *(each for root in roots for each in root["consequences"])]
         found = next((finding for finding in findings if finding["id"] == finding_id), None)
         if found is None:
-            raise DoctorError("the last diagnosis has no such finding; examine again")
+            raise DoctorError(NO_SUCH_FINDING)
         fix: dict[str, Any] = found["fix"]
         if not fix["playbook"]:
             raise DoctorError(f"no playbook fixes this; fix it by hand: {fix['instruction'] or fix['command']}")

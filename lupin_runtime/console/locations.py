@@ -16,6 +16,8 @@ MAX_LOCATIONS = 500
 MAX_NAME = 64
 MAX_COORDINATE_M = 10_000.0
 HOME = "home"
+TOO_MANY = f"there are {MAX_LOCATIONS} locations; remove one first"
+BAD_NAME = f"a location's name must have 1 to {MAX_NAME} printable characters"
 _AT_ORIGIN = {"x": 0.0, "y": 0.0, "yaw": 0.0}
 
 
@@ -43,7 +45,7 @@ def save_location(path: Path, name: Any, pose: Any) -> dict[str, dict[str, float
 
     def add(locations: dict[str, Any]) -> dict[str, Any]:
         if not added.keys() <= locations.keys() and len(locations) >= MAX_LOCATIONS:
-            raise BadLocation(f"there are {MAX_LOCATIONS} locations; remove one first")
+            raise BadLocation(TOO_MANY)
         return {**locations, **added}
 
     return {HOME: dict(_AT_ORIGIN), **change_object(path, add)}
@@ -82,7 +84,7 @@ def remove_location(path: Path, name: Any) -> dict[str, dict[str, float]]:
 
 def _checked_name(name: Any) -> str:
     if not isinstance(name, str) or not name.strip() or len(name) > MAX_NAME or not name.isprintable():
-        raise BadLocation(f"a location's name must have 1 to {MAX_NAME} printable characters")
+        raise BadLocation(BAD_NAME)
     return name.strip()
 
 

@@ -36,6 +36,13 @@ _ROBOT_POSE: dict[str, Any] = {
     "properties": {"x": _NUMBER, "y": _NUMBER, "yaw": _NUMBER},
     "description": "where the robot stands on the map, in m and rad",
 }
+# Reasons of refusals.
+NO_MAP_SAVED = "no map was saved: SLAM has not published one yet"
+NOT_LOADED = "{name} was not loaded: {problem}"
+NOT_DELETED = "{name} was not deleted: {problem}"
+IS_LOADED = "it is the loaded map of this run"
+NO_SUCH_MAP = "there is no such map"
+NOT_RELOCATED = "the robot was not relocated: SLAM has no map yet"
 _LOADED = "loaded_map.json"  # in the run's folder, so that a console that was restarted still knows it
 
 
@@ -79,7 +86,7 @@ class Maps:
         response = await self._call(request, graph.SLAM_SAVE_MAP, arguments)
         self._bridge.record(request[SESSION].name, f"save map {name}")
         if response["result"] != 0:
-            return web.json_response({"error": "no map was saved: SLAM has not published one yet"}, status=409)
+            return web.json_response({"error": NO_MAP_SAVED}, status=409)
         pose_graph = _with_path(graph.SLAM_SERIALIZE, {"filename": name})
         try:
             loadable = (await self._call(request, graph.SLAM_SERIALIZE, pose_graph))["result"] == 0
@@ -94,7 +101,7 @@ class Maps:
         what = f"load map {name}"
         problem = self._bridge.map_refusal() or await asyncio.to_thread(pose_graph_problem, arguments["filename"])
         if problem:
-            return self._refuse(request, what, f"{name} was not loaded: {problem}")
+            return self._refuse(request, what, NOT_LOADED.format(name=name, problem=problem))
         self._bridge.record(request[SESSION].name, what)
         await self._call_own(graph.SLAM_DESERIALIZE, arguments)
         await asyncio.to_thread(write_atomically, self._run.path / _LOADED, json.dumps({"name": name}))
@@ -105,15 +112,15 @@ class Maps:
         self._take_control(request)
         what = f"delete map {name}"
         if name is not None and name == await asyncio.to_thread(self._loaded):
-            return self._refuse(request, what, f"{name} was not deleted: it is the loaded map of this run")
+            return self._refuse(request, what, NOT_DELETED.format(name=name, problem=IS_LOADED))
         try:
             await asyncio.to_thread(delete_map, name)
         except BadMapName as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from error
         except FileNotFoundError:
-            return self._refuse(request, what, f"{name} was not deleted: there is no such map")
+            return self._refuse(request, what, NOT_DELETED.format(name=name, problem=NO_SUCH_MAP))
         except OSError as error:
-            return self._refuse(request, what, f"{name} was not deleted: {error.strerror}")
+            return self._refuse(request, what, NOT_DELETED.format(name=name, problem=error.strerror))
         self._bridge.record(request[SESSION].name, what)
         return web.json_response({"deleted": name})
 
@@ -128,7 +135,7 @@ class Maps:
         path = locations_file().with_name("relocation")
         await asyncio.to_thread(path.parent.mkdir, parents=True, exist_ok=True)
         if (await self._call_own(graph.SLAM_SERIALIZE, {"filename": str(path)}))["result"] != 0:
-            return web.json_response({"error": "the robot was not relocated: SLAM has no map yet"}, status=409)
+            return web.json_response({"error": NOT_RELOCATED}, status=409)
         self._bridge.record(request[SESSION].name, "relocate", pose)
         initial = {"x": start["x"], "y": start["y"], "theta": start["yaw"]}
         arguments = {"filename": str(path), "match_type": _START_AT_GIVEN_POSE, "initial_pose": initial}

@@ -9,6 +9,10 @@ from lupin_runtime.json_text import parse_json
 from lupin_runtime.mission.hsm_spec import BUSY
 from lupin_runtime.ros import LupinNode
 
+# Reasons of refusals.
+MISSION_RUNS = "a mission is running ({state}); abort it first, or wait for its end"
+DRIVES_TO_GOAL = "the robot drives to a goal; cancel it first, or wait until it is there"
+
 
 class MotionWatch:
     """Follows mission and drive bus. `update` is called on the executor's thread; `refusal` may be called on any."""
@@ -30,9 +34,9 @@ class MotionWatch:
     def refusal(self) -> str:
         """Return why the map must not be replaced now, with what helps; empty if it may be."""
         if self._mission in BUSY:
-            return f"a mission is running ({self._mission}); abort it first, or wait for its end"
+            return MISSION_RUNS.format(state=self._mission)
         if self._winner == "auto":
-            return "the robot drives to a goal; cancel it first, or wait until it is there"
+            return DRIVES_TO_GOAL
         return ""
 
     def _receive_mission(self, message: Any) -> None:

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from lupin_runtime.console.authority import Refused, Role
 
 CODE_LIFETIME_S = 3600.0
+BAD_CODE = "this code is wrong, used or expired; type the one that the terminal shows, or run: lupin console code"
 # Without 0, O, 1, I and L, which are easily confused.
 _ALPHABET = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 _LENGTH = 8
@@ -46,7 +47,7 @@ class PairingCodes:
                 with contextlib.suppress(OSError):
                     self.announce()
                 return role
-        raise Refused("this code is wrong, used or expired; type the one that the terminal shows, or run: lupin console code")
+        raise Refused(BAD_CODE)
 
     def tick(self, now_ns: int) -> None:
         """Replace codes that are too old. Raises what `changed` raises."""

@@ -32,7 +32,7 @@ RELEASE_PERIODS = 2
 # Reasons of a stop.
 CONSOLE_HOLDS_STOP = "a console holds the stop"
 LOST_HOLDING = "the console that held the stop was lost: press stop on a console, then release it"
-LOST = "no message from any console for"
+LOST = "no message from any console for {seconds:g} s"
 
 
 class ConsoleStop:
@@ -72,7 +72,7 @@ class ConsoleStop:
         if self._held_ns is None or self._received_ns is None:
             return None
         if self._held_by_silence:
-            return f"{LOST} {self._expiry_ns / 1e9:g} s"
+            return LOST.format(seconds=self._expiry_ns / 1e9)
         return CONSOLE_HOLDS_STOP if now_ns - self._held_ns <= self._expiry_ns else LOST_HOLDING
 
     def is_lost(self, now_ns: int) -> bool:

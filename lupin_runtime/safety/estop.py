@@ -10,6 +10,8 @@ from lupin_runtime.safety.console_stop import ConsoleStop
 from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, UNHEARD, WITNESS, ExpectedSources
 
 BUTTON_SILENCE_S = 2.0
+BUTTON_PRESSED = "the button is pressed"
+BUTTON_SILENT = "the button has been silent for more than {seconds:g} s"
 MISSED_PRESS = (
     "it was pressed while the e-stop's process did not respond, or a console that held it was lost; "
     "if it stays engaged, press and release the stop of a console"
@@ -122,9 +124,9 @@ class EstopSources:
         warnings: list[str] = []
         unheard = self._expected.unheard
         if self._pressed:
-            stops.append("the button is pressed")
+            stops.append(BUTTON_PRESSED)
         if self._silence.is_silent(now_ns, real_ns):
-            silent = f"the button has been silent for more than {self._silence.silence_s:g} s"
+            silent = BUTTON_SILENT.format(seconds=self._silence.silence_s)
             (stops if self._silence_engages else warnings).append(silent)
         elif not self._silence.was_received and BUTTON not in unheard:
             warnings.append("no message from the button yet")

@@ -3,7 +3,8 @@ import { useMemo, useRef } from "react";
 import { hasControl, useConsole } from "@/api/console_store";
 import { TOPICS } from "@/generated/graph";
 import type { nav_msgs_Odometry } from "@/generated/messages";
-import { type TextKey, useText } from "@/i18n/text";
+import { wordsIn } from "@/i18n/robot_words";
+import { type TextKey, useLanguage, useText } from "@/i18n/text";
 import type { Sample } from "@/ros/topics";
 import { useIsRewound } from "@/rewind/state";
 import { gate as stopGate, useGate, useLink } from "@/robot";
@@ -158,6 +159,7 @@ export function useHeldAtZero(): boolean {
 
 function useDriveFacts(): DriveFacts {
   const text = useText();
+  const language = useLanguage((store) => store.language);
   const linkOpen = useLink(({ state, lostMs }) => state === "open" && lostMs === null);
   const server = useConsole();
   const gate = useGate();
@@ -178,11 +180,12 @@ function useDriveFacts(): DriveFacts {
     holder: server.control.holder,
     inControl: hasControl(server),
     gateReason: gate.engaged && gate.reason !== null ? text(`reason_${gate.reason}`) : null,
-    estopReasons: estop.engaged !== true ? [] : stops.length > 0 ? stops.map(({ key, values, words }) => (key === null ? words : text(key, values))) : [text("is_stopped")],
+    estopReasons: estop.engaged !== true ? [] : stops.length > 0 ? stops.map(({ key, values, words }) => (key === null ? wordsIn(language, words) : text(key, values))) : [text("is_stopped")],
     missionDrives,
     isMissionSilent,
     navigates,
     bus,
+    inWords: (words) => wordsIn(language, words),
   };
 }
 

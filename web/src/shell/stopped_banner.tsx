@@ -11,6 +11,7 @@ import { elsewhere } from "@/safety/elsewhere";
 import { useTabRole } from "@/safety/commanding_tab";
 import { type StopLine, stopLines } from "@/state/stop_reasons";
 import { cn } from "@/ui/cn";
+import { RobotWords } from "@/ui/robot_words";
 import { HoldButton } from "@/ui/hold_button";
 import { span } from "@/ui/numbers";
 
@@ -94,7 +95,7 @@ function StopLines({ lines, ownSinceMs }: { lines: readonly StopLine[]; ownSince
       {lines.map((line, index) => (
         <Fragment key={`${line.key ?? line.words} ${line.values["name"] ?? ""}`}>
           {index > 0 ? "; " : line.key !== null && BY.test(line.key) ? " " : ": "}
-          {line.key === null ? <span lang="en">{line.words}</span> : text(line.key, line.values)}
+          {line.key === null ? <RobotWords words={line.words} /> : text(line.key, line.values)}
           {line.name !== null && (
             <span aria-hidden="true" className="font-normal tabular-nums" data-testid="stop-age">
               , {line.ageS === null ? <Age atMs={ownSinceMs} /> : text("ago", { age: span(line.ageS) })}

@@ -29,6 +29,8 @@ export interface DriveFacts {
   navigates: boolean;
   /** The drive bus's last status; null where none was received. */
   bus: DriveStatus | null;
+  /** What the robot says, in the page's language. */
+  inWords: (words: string) => string;
 }
 
 export interface Reason {
@@ -65,7 +67,7 @@ export function motionObstacles(facts: DriveFacts): Reason[] {
   if (facts.bus === null) reasons.push({ key: "why_no_bus" });
   else {
     const locks = facts.estopReasons.length > 0 ? facts.bus.locks.filter((lock) => !lock.includes("e-stop")) : facts.bus.locks;
-    if (locks.length > 0) reasons.push({ key: "why_locked", values: { reason: locks.join(", ") } });
+    if (locks.length > 0) reasons.push({ key: "why_locked", values: { reason: locks.map(facts.inWords).join(", ") } });
     if (facts.bus.sink.listeners === 0) reasons.push({ key: "why_no_wheels" });
   }
   return reasons;

@@ -141,6 +141,7 @@ describe("the sentence", () => {
 
 describe("can I drive?", () => {
   const FREE: DriveFacts = {
+    inWords: (words) => words,
     linkOpen: true,
     isRewound: false,
     isWatching: false,

@@ -3,7 +3,8 @@ import { type ReactNode, useEffect, useLayoutEffect } from "react";
 import { TOPICS } from "@/generated/graph";
 import { useNow } from "@/hooks/use_now";
 import { useMotionObstacles, useNavigates, useRelocationObstacles } from "@/hooks/use_situation";
-import { type TextKey, useText } from "@/i18n/text";
+import { wordsIn } from "@/i18n/robot_words";
+import { type TextKey, useLanguage, useText } from "@/i18n/text";
 import { changeApproach } from "@/map/approaches";
 import { goalProgress } from "@/map/goal";
 import { cancelNavigation, relocate, sendGoal, sendInitialPose } from "@/map/goal_actions";
@@ -124,6 +125,7 @@ function Progress() {
   const text = useText();
   const now = useNow();
   const sent = useMapUi((state) => state.sent);
+  const language = useLanguage((store) => store.language);
   const refusal = useLink((link) => link.refusal);
   const mission = useMissionState();
   const isInMission = mission !== null && isRunning(mission) && !mission.paused;
@@ -152,7 +154,7 @@ function Progress() {
   if (sent !== null && refusal !== null && refusal.receivedMs > sent.atMs && progress !== "driving") {
     return (
       <Bar>
-        <p className="text-attention">{text("map_goal_refused", { reason: refusal.text.slice(0, 200) })}</p>
+        <p className="text-attention">{text("map_goal_refused", { reason: wordsIn(language, refusal.text).slice(0, 200) })}</p>
         <Button size="small" onClick={() => useMapUi.setState({ sent: null })}>
           {text("map_dismiss")}
         </Button>

@@ -1,0 +1,47 @@
+import type { SENTENCES } from "@/generated/sentences";
+
+/** The sentences of the robot and the console in Dutch, with the same places. */
+export const DUTCH_SENTENCES: Record<keyof typeof SENTENCES, string> = {
+  button_pressed: "de knop is ingedrukt",
+  button_silent: "van de knop is al meer dan {seconds} s niets gehoord",
+  missed_press:
+    "er is gedrukt terwijl het noodstopproces niet reageerde, of een console die de stop vasthield, is weggevallen; blijft de stop staan, druk dan de stop van een console in en geef hem vrij",
+  missed_press_or_silence:
+    "voordat het noodstopproces opnieuw startte, is er gedrukt, of de knop of een console die de stop vasthield, is weggevallen; blijft de stop staan, controleer dan de knop, druk daarna de stop van een console in en geef hem vrij",
+  unheard_button:
+    "van de knop van de robot is nog niets gehoord: druk hem in en laat hem los; zet bij een robot zonder knop LUPIN_ESTOP_BUTTON=no (docs/robot-services.md)",
+  unheard_console: "van de console is nog niets gehoord: zie lupin logs console, of start de run zonder console: lupin up --no-web",
+  unheard_witness: "van estop_witness, die weet wat dit proces heeft gemist, is nog niets gehoord: zie het logboek van het proces drive",
+  browser_holds_stop: "een browser van de console houdt de stop vast",
+  browser_held_stop_unheard: "een browser van de console hield de stop vast terwijl de verbinding weg was",
+  console_lost_driving: "de console viel weg terwijl een browser reed: druk zijn stop in en geef hem vrij",
+  console_holds_stop: "een console houdt de stop vast",
+  console_lost_holding: "de console die de stop vasthield, is weggevallen: druk de stop van een console in en geef hem vrij",
+  consoles_silent: "al {seconds} s geen bericht van een console",
+  estop_engaged: "noodstop actief",
+  estop_not_received: "nog geen toestand van de noodstop ontvangen",
+  estop_silent: "al {seconds} s geen toestand van de noodstop",
+  bus_closed: "wordt afgesloten",
+  process_silent: "{process} reageert niet",
+  process_exited: "{process} is gestopt",
+  process_restarting: "{process} wordt opnieuw gestart",
+  control_held: "{name} heeft al {seconds} s de besturing; vraag erom of neem over",
+  is_viewer: "{name} is kijker; koppel deze browser als bestuurder om te rijden",
+  other_asks: "{name} vraagt al om de besturing; vraag het straks opnieuw",
+  has_no_control: "{name} heeft de besturing niet",
+  nobody_asks: "niemand vraagt nu om de besturing",
+  not_allowed: "{what} is voor clients van de console niet toegestaan",
+  bad_code: "deze code is onjuist, gebruikt of verlopen; typ de code die de terminal toont, of voer uit: lupin console code",
+  doctor_busy: "de dokter is bezig ({what}); wacht tot dat klaar is",
+  no_such_finding: "de laatste diagnose heeft deze bevinding niet; onderzoek opnieuw",
+  too_many_locations: "er zijn 500 plaatsen; verwijder er eerst een",
+  bad_location_name: "de naam van een plaats heeft 1 tot 64 afdrukbare tekens",
+  no_map_saved: "er is geen kaart opgeslagen: SLAM heeft er nog geen gepubliceerd",
+  not_relocated: "de positie is niet gecorrigeerd: SLAM heeft nog geen kaart",
+  map_not_loaded: "{name} is niet geladen: {problem}",
+  map_not_deleted: "{name} is niet verwijderd: {problem}",
+  map_is_loaded: "het is de geladen kaart van deze run",
+  no_such_map: "die kaart bestaat niet",
+  mission_runs: "er loopt een missie ({state}); breek die eerst af of wacht tot ze klaar is",
+  drives_to_goal: "de robot rijdt naar een doel; annuleer het eerst of wacht tot hij er is",
+};

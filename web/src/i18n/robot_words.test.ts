@@ -1,0 +1,33 @@
+import { describe, expect, it } from "vitest";
+import { SENTENCES } from "@/generated/sentences";
+import { writeNumbersIn } from "@/ui/numbers";
+import { DUTCH_SENTENCES } from "./catalog/sentences";
+import { isForeign, wordsIn } from "./robot_words";
+
+const placesOf = (template: string) => [...template.matchAll(/\{(\w+)\}/g)].map(([, place]) => place).toSorted();
+
+describe("the robot's own words", () => {
+  it.each(Object.entries(SENTENCES))("%s has the same places in Dutch, and is found", (name, template) => {
+    const dutch = DUTCH_SENTENCES[name as keyof typeof SENTENCES];
+    expect(placesOf(dutch)).toEqual(placesOf(template));
+    const words = template.replace("{seconds}", "0.6").replace(/\{\w+\}/g, "x-1");
+    expect(isForeign("nl", words)).toBe(false);
+    expect(wordsIn("nl", words)).not.toBe(words);
+    expect(wordsIn("en", words)).toBe(words);
+  });
+
+  it("keep their values, with the page's decimal mark", () => {
+    writeNumbersIn("nl");
+    expect(wordsIn("nl", "no e-stop state for 0.6 s")).toBe("al 0,6 s geen toestand van de noodstop");
+    writeNumbersIn("en");
+    expect(wordsIn("nl", "hall (2) was not loaded: a mission is running (EXPLORING); abort it first, or wait for its end")).toBe(
+      "hall (2) is niet geladen: er loopt een missie (EXPLORING); breek die eerst af of wacht tot ze klaar is",
+    );
+    expect(wordsIn("nl", "body does not respond, navigation has exited")).toBe("body reageert niet, navigation is gestopt");
+  });
+
+  it.each(["", "a reason of a later version", "the button is pressed, and something else"])("are left as they are where nobody knows them: %j", (words) => {
+    expect(wordsIn("nl", words)).toBe(words);
+    expect(isForeign("nl", words)).toBe(true);
+  });
+});

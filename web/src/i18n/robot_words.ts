@@ -1,0 +1,44 @@
+/** What the robot and the console say in their own words, in the page's language where the sentence is one of their table. */
+import { SENTENCES } from "@/generated/sentences";
+import { withDecimalMark } from "@/ui/numbers";
+import { DUTCH_SENTENCES } from "./catalog/sentences";
+import type { Language } from "./text";
+
+type SentenceName = keyof typeof SENTENCES;
+
+const PLACE = /\{(\w+)\}/g;
+const VALUES: Readonly<Record<string, string>> = { seconds: "\\d+(?:\\.\\d+)?", process: "[^ ,]+" };
+
+const TEMPLATES = (Object.keys(SENTENCES) as SentenceName[]).map((name) => {
+  const pattern = SENTENCES[name].replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(PLACE, (_, place: string) => `(?<${place}>${VALUES[place] ?? ".+"})`);
+  return { name, pattern: new RegExp(`^${pattern}$`, "s") };
+});
+
+/** A sentence in a language, or several with commas between them; as it is where the table has no such sentence. */
+export function wordsIn(language: Language, words: string): string {
+  return language === "en" ? words : (translated(words) ?? words);
+}
+
+/** Whether `wordsIn` returns words of another language than the page's. */
+export function isForeign(language: Language, words: string): boolean {
+  return language !== "en" && translated(words) === null;
+}
+
+function translated(words: string): string | null {
+  const found = sentence(words);
+  if (found !== null || !words.includes(", ")) return found;
+  const parts = words.split(", ").map(sentence);
+  return parts.every((part) => part !== null) ? parts.join(", ") : null;
+}
+
+function sentence(words: string): string | null {
+  for (const { name, pattern } of TEMPLATES) {
+    const values = pattern.exec(words);
+    if (values === null) continue;
+    return DUTCH_SENTENCES[name].replace(PLACE, (_, place: string) => {
+      const value = values.groups?.[place] ?? "";
+      return place === "seconds" ? withDecimalMark(value) : (sentence(value) ?? value);
+    });
+  }
+  return null;
+}
