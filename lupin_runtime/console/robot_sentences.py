@@ -1,7 +1,7 @@
 """What the robot and the console say in sentences that operators read on the page: why it is stopped, locked, or refuses.
 
-The page shows them in its own language: it finds a sentence by its template, and translates it by the template's name. What is no
-sentence of this table is shown as it is.
+The page shows them in its own language: it finds a sentence by its template, and translates it by the template's name. What is
+no sentence of this table is shown as it is.
 """
 
 from __future__ import annotations

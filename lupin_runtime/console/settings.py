@@ -27,7 +27,9 @@ OLDEST_VERSION = 2
 _DROPPED_BEFORE_5 = ("polarityInvertHmi", "estopAutoOnFocusLoss", "rosUrl", "webVideoServerUrl")
 _KEPT_BY_BROWSERS = ("geminiApiKey", "voiceNamedLocations")
 # No user, query or fragment: the one is a secret, the others belong to a request.
-_ADDRESS = re.compile(r"(?P<scheme>[a-z]+)://(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9_.-]{1,253})(:[0-9]{1,5})?(/[A-Za-z0-9_.~/-]*)?")
+_ADDRESS = re.compile(
+    r"(?P<scheme>[a-z]+)://(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9_.-]{1,253})(:(?P<port>[0-9]{1,5}))?(/[A-Za-z0-9_.~/-]*)?"
+)
 _NAME = re.compile(r"[A-Za-z_/][A-Za-z0-9_/]{0,255}")
 
 
@@ -77,7 +79,7 @@ class Setting:
 
     def _is_address(self, value: str) -> bool:
         found = _ADDRESS.fullmatch(value) if len(value) <= self.max_length else None
-        return value == "" or (found is not None and found["scheme"] in self.schemes and int((found[3] or ":1")[1:]) in range(1, 65536))
+        return value == "" or (found is not None and found["scheme"] in self.schemes and 0 < int(found["port"] or 1) < 65536)
 
     def _address_kind(self) -> str:
         return f"empty or an address like {' or '.join(f'{scheme}://10.42.0.1:9090' for scheme in self.schemes)}"

@@ -49,7 +49,7 @@ class VideoUnavailable(Exception):
 
 
 class VideoRelay:
-    """Forwards the images of the video server at `own_target`, or at the one that `point_at` names. Used on the event loop only.
+    """Forwards the images of the video server at `own_target`, or at the one that `point_at` names. For the event loop only.
 
     `may_see` returns whether the sender of a request may still see images.
     """
