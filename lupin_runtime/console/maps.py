@@ -37,6 +37,7 @@ _ROBOT_POSE: dict[str, Any] = {
     "description": "where the robot stands on the map, in m and rad",
 }
 # Reasons of refusals.
+MAP_EXISTS = "there is a map {name} already; choose another name, or replace it"
 NO_MAP_SAVED = "no map was saved: SLAM has not published one yet"
 NOT_LOADED = "{name} was not loaded: {problem}"
 NOT_DELETED = "{name} was not deleted: {problem}"
@@ -58,7 +59,12 @@ class Maps:
         """Return the routes, each with a summary of its answer."""
         return (
             Resource("/_api/maps", self._list, "The saved maps and their folder, and which one this run has loaded."),
-            Resource("/_api/maps", self._save, "Save the current SLAM map. Needs control.", _MAP_BODY),
+            Resource(
+                "/_api/maps",
+                self._save,
+                "Save the current SLAM map; one of this name only with `replace`. Needs control.",
+                {**_MAP_BODY, "replace": {"type": "boolean"}},
+            ),
             Resource(
                 "/_api/maps/load",
                 self._load,
@@ -81,8 +87,11 @@ class Maps:
         return web.json_response(await asyncio.to_thread(self._describe))
 
     async def _save(self, request: web.Request) -> web.StreamResponse:
-        name = (await json_object(request)).get("name")
+        body = await json_object(request)
+        name = body.get("name")
         arguments = _with_path(graph.SLAM_SAVE_MAP, {"name": {"data": name}})
+        if body.get("replace") is not True and name in [each.name for each in await asyncio.to_thread(saved_maps)]:
+            return self._refuse(request, f"save map {name}", MAP_EXISTS.format(name=name))
         response = await self._call(request, graph.SLAM_SAVE_MAP, arguments)
         self._bridge.record(request[SESSION].name, f"save map {name}")
         if response["result"] != 0:

@@ -44,6 +44,7 @@ SENTENCES = {
     "no_such_finding": doctor.NO_SUCH_FINDING,
     "too_many_locations": locations.TOO_MANY,
     "bad_location_name": locations.BAD_NAME,
+    "map_exists": maps.MAP_EXISTS,
     "no_map_saved": maps.NO_MAP_SAVED,
     "not_relocated": maps.NOT_RELOCATED,
     "map_not_loaded": maps.NOT_LOADED,

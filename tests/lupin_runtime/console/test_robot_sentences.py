@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import pytest
 
@@ -69,7 +70,7 @@ def test_refusals_of_control_are_sentences() -> None:
     holder, other, third = (Session(name, Role.OPERATOR) for name in ("laptop-1", "phone-2", "phone-3"))
     authority.take(holder, 0)
     authority.request(other, 0)
-    refusals = {
+    refusals: dict[str, Callable[[], object]] = {
         "control_held": lambda: authority.take(other, SECOND_NS),
         "other_asks": lambda: authority.request(third, SECOND_NS),
         "has_no_control": lambda: authority.answer(other, True, SECOND_NS),

@@ -302,6 +302,9 @@ def test_saved_map_can_be_loaded(graph_host: GraphHost, browser: Browser, peer: 
         peer.create_service(interface(row.type), row.name, handle)
     saved = {"saved": "house", "loadable": True}
     graph_host.until(lambda: browser.request("POST", "/_api/maps", {"name": "house"}) == (200, saved))
+    status, answer = browser.request("POST", "/_api/maps", {"name": "house"})
+    assert status == 409 and "there is a map house already" in answer["error"]
+    assert browser.post("/_api/maps", name="house", replace=True) == saved
     assert browser.post("/_api/maps/load", name="house") == {"loaded": "house"}
     assert loaded == [(str(folder / "house"), 1)]
     (folder / "damaged.posegraph").write_bytes(b"x")

@@ -31,6 +31,7 @@ export const SENTENCES = {
   "no_such_finding": "the last diagnosis has no such finding; examine again",
   "too_many_locations": "there are 500 locations; remove one first",
   "bad_location_name": "a location's name must have 1 to 64 printable characters",
+  "map_exists": "there is a map {name} already; choose another name, or replace it",
   "no_map_saved": "no map was saved: SLAM has not published one yet",
   "not_relocated": "the robot was not relocated: SLAM has no map yet",
   "map_not_loaded": "{name} was not loaded: {problem}",

@@ -100,8 +100,9 @@ export class MockApi {
     "POST /_api/settings": ({ settings }) => this.changeSettings(settings as Body),
     "GET /_api/arm/library": () => JSON.parse(this.robot.world.library.listing()),
     "GET /_api/maps": () => this.savedMaps(),
-    "POST /_api/maps": ({ name }) => {
+    "POST /_api/maps": ({ name, replace }) => {
       this.authority.take();
+      if (replace !== true && this.robot.maps.has(String(name))) throw new RequestRefused(`there is a map ${String(name)} already; choose another name, or replace it`, 409);
       answerService(SERVICES.SLAM_SAVE_MAP.name, { name: { data: name } }, this.robot);
       return { saved: name };
     },

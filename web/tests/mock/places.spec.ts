@@ -32,6 +32,9 @@ test("a map is saved, chosen, loaded and deleted", async ({ page }) => {
   await page.getByRole("button", { name: "Save map" }).click();
   await expect(page.getByText("Map spring saved")).toBeVisible();
   await expect(page.getByText("lupin up --map '/home/grower/.local/state/lupin/maps/spring.yaml'")).toBeVisible();
+  await page.getByPlaceholder("Name of the map").fill("spring");
+  await expect(page.getByRole("button", { name: "Save map" })).toHaveCount(0);
+  await holdNamed(page, "Hold to replace", "Map spring saved");
   await holdNamed(page, "Hold to load the map spring", "The robot now uses the map spring");
   await expect(page.getByText("It cannot be deleted now: it is the loaded map.")).toBeVisible();
   await expect(page.getByRole("button", { name: "Hold to delete the map spring" })).toBeDisabled();

@@ -36,6 +36,7 @@ export const DUTCH_SENTENCES: Record<keyof typeof SENTENCES, string> = {
   no_such_finding: "de laatste diagnose heeft deze bevinding niet; onderzoek opnieuw",
   too_many_locations: "er zijn 500 plaatsen; verwijder er eerst een",
   bad_location_name: "de naam van een plaats heeft 1 tot 64 afdrukbare tekens",
+  map_exists: "er is al een kaart {name}; kies een andere naam of vervang hem",
   no_map_saved: "er is geen kaart opgeslagen: SLAM heeft er nog geen gepubliceerd",
   not_relocated: "de positie is niet gecorrigeerd: SLAM heeft nog geen kaart",
   map_not_loaded: "{name} is niet geladen: {problem}",

@@ -67,7 +67,7 @@ function Locations() {
           </li>
         ))}
       </ul>
-      <SaveForm label={text("map_save_here")} placeholder={text("map_save_here_hint")} icon={<MapPinPlus />} disabled={!isKnown || isStale} save={saveHere} />
+      <SaveForm label={text("map_save_here")} placeholder={text("map_save_here_hint")} icon={<MapPinPlus />} disabled={!isKnown || isStale} taken={Object.keys(locations)} save={saveHere} />
     </Part>
   );
 }

@@ -43,8 +43,8 @@ export function SavedMapsPart() {
     setList(await readMaps());
     setBusyWith(null);
   };
-  const save = async (name: string) => {
-    await ask("/_api/maps", { name });
+  const save = async (name: string, replace: boolean) => {
+    await ask("/_api/maps", { name, replace });
     showDone(text("map_saved_map", { name }));
     setList(await readMaps());
     setChosen(name);
@@ -71,7 +71,7 @@ export function SavedMapsPart() {
           ))}
         </ul>
       )}
-      <SaveForm label={text("map_save_map")} placeholder={text("map_save_map_hint")} icon={<Save />} save={save} />
+      <SaveForm label={text("map_save_map")} placeholder={text("map_save_map_hint")} icon={<Save />} taken={saved?.maps.map(({ name }) => name) ?? []} save={save} />
     </Part>
   );
 }

@@ -1,4 +1,4 @@
-import { Check, House, Minus, X } from "lucide-react";
+import { Check, House, Minus, Search, X } from "lucide-react";
 import { type ReactNode, memo, useEffect, useRef } from "react";
 import { type Text, type TextKey, useText } from "@/i18n/text";
 import { toggleTag } from "@/map/map_ui";
@@ -55,7 +55,7 @@ export const TransitLine = memo(function TransitLine({ stops, tags, startedS, is
         after="none"
         {...(isSearching ? { note: { text: text("mission_searching"), isAlarming: false } } : {})}
       >
-        {isSearching ? <span className="text-lg leading-none text-text-3">…</span> : <House className={cn("size-5", isDone ? "text-alive" : "text-text-3")} />}
+        {isSearching ? <Search aria-hidden="true" className="size-4 text-text-3" /> : <House className={cn("size-5", isDone ? "text-alive" : "text-text-3")} />}
       </Station>
     </ol>
   );
