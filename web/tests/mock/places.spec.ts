@@ -34,7 +34,10 @@ test("a map is saved, chosen, loaded and deleted", async ({ page }) => {
   await expect(page.getByText("lupin up --map '/home/grower/.local/state/lupin/maps/spring.yaml'")).toBeVisible();
   await page.getByPlaceholder("Name of the map").fill("spring");
   await expect(page.getByRole("button", { name: "Save map" })).toHaveCount(0);
-  await holdNamed(page, "Hold to replace", "Map spring saved");
+  await page.getByRole("button", { name: "Hold to replace" }).hover();
+  await page.mouse.down();
+  await expect(page.getByRole("button", { name: "Save map" })).toBeVisible();
+  await page.mouse.up();
   await holdNamed(page, "Hold to load the map spring", "The robot now uses the map spring");
   await expect(page.getByText("It cannot be deleted now: it is the loaded map.")).toBeVisible();
   await expect(page.getByRole("button", { name: "Hold to delete the map spring" })).toBeDisabled();
