@@ -40,7 +40,7 @@ def record(
     log: Log,
     scans: int,
     odometry: str = graph.ODOM.name,
-    mount: bool = True,
+    mount: str = graph.TF_STATIC.name,
     turned: Quaternion | None = None,
     names: dict[str, str] | None = None,
     edit: Callable[[int, LaserScan], None] = lambda _number, _scan: None,
@@ -87,7 +87,7 @@ def record(
             if turned is not None:
                 q = mounted.transform.rotation
                 q.x, q.y, q.z, q.w = turned
-            put(graph.TF_STATIC.name, START_NS, TFMessage(transforms=[mounted]))
+            put(graph.TF_STATIC.name, START_NS, TFMessage(transforms=[mounted] if mount == graph.TF_STATIC.name else []))
         for k in range(scans):
             stamp = START_NS + k * 100_000_000
             pose = Pose2(*(float(v) for v in log.odom[k]))
@@ -100,6 +100,10 @@ def record(
                 scan.angle_min = heading - float(log.angles[-1])
                 scan.ranges = scan.ranges[::-1]
             edit(k, scan)
+            if mount == graph.TF.name:
+                mounted.header.stamp = stamp_from_ns(stamp)
+                wheel = transform("base_link", "map", stamp, Pose2(1.0, 1.0, 0.1 * k))
+                put(graph.TF.name, stamp, TFMessage(transforms=[wheel, mounted]))
             put(graph.SCAN.name, stamp, scan)
             if odometry == graph.ODOM.name:
                 message = Odometry()
@@ -138,7 +142,7 @@ def test_recording_gives_a_map_with_its_own_stamps(tmp_path: Path, greenhouse_lo
 
 
 def test_missing_topic_of_a_recording_is_named(tmp_path: Path, greenhouse_log: Log) -> None:
-    record(tmp_path / "no_mount.mcap", greenhouse_log, 5, mount=False)
+    record(tmp_path / "no_mount.mcap", greenhouse_log, 5, mount="")
     with pytest.raises(MalformedFile, match="'laser'"):
         read_recording(tmp_path / "no_mount.mcap")
     record(tmp_path / "no_odometry.mcap", greenhouse_log, 5, odometry="none")
@@ -179,6 +183,13 @@ def test_lidar_that_hangs_upside_down_sees_the_same_room(tmp_path: Path, greenho
     record(tmp_path / "hanging.mcap", greenhouse_log, 10, turned=turned)
     points = first_points(tmp_path / "hanging.mcap")[::-1]
     np.testing.assert_allclose(points, first_points(tmp_path / "upright.mcap"), atol=1e-5)
+
+
+def test_mount_that_is_published_as_a_moving_one_is_used(tmp_path: Path, greenhouse_log: Log) -> None:
+    record(tmp_path / "static.mcap", greenhouse_log, 10)
+    record(tmp_path / "moving.mcap", greenhouse_log, 10, mount=graph.TF.name)
+    np.testing.assert_array_equal(first_points(tmp_path / "moving.mcap"), first_points(tmp_path / "static.mcap"))
+    assert read_recording(tmp_path / "moving.mcap").problems == []
 
 
 def test_tilted_lidar_is_refused_with_its_angle(tmp_path: Path, greenhouse_log: Log) -> None:
