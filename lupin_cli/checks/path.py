@@ -59,6 +59,8 @@ from lupin_cli.link.path_agent import SILENT
 from lupin_runtime.ports import DISCOVERY_PORT
 
 MOSTLY_LOST = 0.5
+OFTEN_LOST = 0.2  # of one way: what was heard may not be heard again
+BY_CHANCE = "by chance"  # what a finding is about, if so much is lost that all data arrived by chance
 LATE_MS = 100.0  # drive commands come every 50 ms
 OVER_SSH_MS = 1000.0  # that late, no robot that is only busy answers
 ETHERNET_MTU = 1500
@@ -413,6 +415,7 @@ def _loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterator[Fi
     # A ping must pass twice.
     one_way = [1.0 - burst.delivered for burst in lossy.values()] or [1.0 - (1.0 - loss) ** 0.5 for loss in losses.values()]
     most_lost = max(one_way, default=0.0) > MOSTLY_LOST
+    is_luck = max(one_way, default=0.0) > OFTEN_LOST
     hinders = broken or most_lost or (snapshot.link is not None and not snapshot.link.reachable)
     yield make_finding(
         "packets-lost",
@@ -422,6 +425,7 @@ def _loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterator[Fi
         evidence=evidence,
         explains=_ABOVE if broken else {"robot-unreachable"},
         breaks=None if broken else (),
+        about=BY_CHANCE if is_luck else "",
         **fix,
     )
 

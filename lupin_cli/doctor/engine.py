@@ -10,6 +10,7 @@ from lupin_cli.checks import ground_truth
 from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
 from lupin_cli.checks.findings import NEED_VENDOR, OVER_GRAPH
 from lupin_cli.checks.ground_truth import GroundTruth, State
+from lupin_cli.checks.path import BY_CHANCE
 from lupin_cli.doctor.areas import Area, judge_areas
 from lupin_cli.facts.base import Unknown
 from lupin_cli.printed_commands import complete
@@ -87,8 +88,8 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
 
 
 def doubt_luck(truth: GroundTruth | None, roots: Sequence[Finding]) -> GroundTruth | None:
-    """Return the ground truth, which is not healthy while packets are lost or a process is stopped: it was heard by chance."""
-    losses = (each for each in roots if each.id == _LOST and each.severity is Severity.PROBLEM)
+    """Return the ground truth, not healthy while many packets are lost or a process is stopped: it was heard by chance."""
+    losses = (each for each in roots if each.id == _LOST and (each.severity is Severity.PROBLEM or each.about == BY_CHANCE))
     problem = next(iter((*losses, *(each for each in roots if each.id == STOPPED))), None)
     if truth is None or truth.state is not State.HEALTHY or problem is None:
         return truth
