@@ -47,6 +47,7 @@ from lupin_cli.link.path import (
     DDS_BYTES,
     DOWN,
     FRAGMENTED_BYTES,
+    LARGE_PING_BYTES,
     NOT_PERMITTED,
     SMALL_BYTES,
     TOO_LONG,
@@ -83,6 +84,7 @@ def find_path_faults(snapshot: Snapshot) -> Iterator[Finding]:
             yield from faults
             return  # packets that take another way than the data, or none, say nothing about what is above
         yield from _failing_packets(snapshot, path)
+        yield from _lost_large_pings(snapshot, path)
         yield from _unanswered_datagrams(snapshot, path)
     yield from _loss_and_delay(snapshot, path, broken)
 
@@ -375,6 +377,31 @@ def _lost_large(snapshot: Snapshot, path: Path, direction: str, random_loss: flo
             about=direction,
         )
         return
+
+
+def _lost_large_pings(snapshot: Snapshot, path: Path) -> Iterator[Finding]:
+    """Yield a finding if large packets get no answer where small ones do: SSH opens its connection, and hears nothing on it."""
+    small, large = path.ping, path.large_ping
+    if small is None or large is None or large.received or small.loss > 1.0 - MOSTLY_LOST:
+        return
+    own_mtu = path.laptop.mtu
+    is_own = 0 < own_mtu < ETHERNET_MTU and not is_tunnel(path.laptop.interface)
+    why = f": {path.laptop.interface} of the laptop has an MTU of {own_mtu}" if is_own else ""
+    yield make_finding(
+        "large-packets-lost",
+        where="laptop" if is_own else "link",
+        cause=f"packets of {LARGE_PING_BYTES} bytes get no answer, small ones do{why}",
+        evidence=(
+            f"ping {path.address}: {small.received} of {small.sent} answered",
+            f"ping -s {LARGE_PING_BYTES} {path.address}: {large.received} of {large.sent} answered",
+            path.laptop.line(),
+        ),
+        command=command_on(snapshot, "laptop", f"sudo ip link set {path.laptop.interface} mtu {ETHERNET_MTU}")
+        if is_own
+        else show_transports(snapshot),
+        explains=_ABOVE,
+        breaks=(EVERYTHING,),
+    )
 
 
 def _loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterator[Finding]:

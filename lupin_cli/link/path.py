@@ -42,6 +42,7 @@ IDLE_S = 0.3
 UNREAD_AFTER_S = 0.4  # a program that runs has read its socket by then, even on a busy robot
 # A link that loses most packets answers some of them, and one that is very late answers after all.
 PINGS, PING_INTERVAL_S, PING_TIMEOUT_S = 20, 0.05, 3.0
+LARGE_PINGS, LARGE_PING_BYTES = 6, 1472 - 4  # a full frame of Ethernet, but for four bytes that a VLAN may take
 UP, DOWN = "up", "down"  # to the robot, to the laptop
 
 
@@ -196,6 +197,7 @@ class Path:
     robot: End | None = None
     bursts: tuple[Burst, ...] = ()
     ping: Ping | None = None
+    large_ping: Ping | None = None  # of LARGE_PING_BYTES, if small ones are answered and the robot's end cannot be asked
     answers: Mapping[int, str] = field(default_factory=dict)  # what a datagram to a port of the robot gave: `Agent.answers`
     unread: tuple[UnreadSocket, ...] = ()
     knock: Knock | None = None  # measured only if connections to the robot's sshd time out, or none was tried
@@ -429,7 +431,12 @@ def measure_from(
 
     with contextlib.closing(LocalPeer()) as local:
         if robot is None:
-            return measure_path(local, None, address, pinger, on_layer, sshd)
+            path = measure_path(local, None, address, pinger, on_layer, sshd)
+            if path.ping is None or path.ping.loss > 0.5:
+                return path
+            on_layer("mtu")
+            large = ping(laptop, address, LARGE_PINGS, PING_INTERVAL_S, PING_TIMEOUT_S, LARGE_PING_BYTES)
+            return replace(path, large_ping=large)
         try:
             with remote_peer(robot) as remote:
                 return measure_path(local, remote, address, pinger, on_layer)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 ROUND_TRIPS, ROUND_TRIPS_S = 40, 6.0
 ROUND_TRIP_INTERVAL_S = 0.02  # twice the rate of drive commands
 _ECHO_REPLY = 0  # ICMP's type
+PING_BYTES = 56  # without the headers of ICMP and IP: what ping(1) sends
 PINGS, PING_INTERVAL_S = 15, 0.2  # the shortest interval that ping(1) allows an ordinary user; later replies count as lost
 TRANSFER_S, CHUNK_BYTES = 1.5, 1 << 16
 MULTICAST_GROUP, MULTICAST_WAIT_S = "239.255.42.7", 1.5
@@ -161,8 +162,9 @@ def ping(
     count: int = PINGS,
     interval_s: float = PING_INTERVAL_S,
     timeout_s: float = PING_INTERVAL_S,
+    payload_bytes: int = PING_BYTES,
 ) -> Ping | None:
-    """Ping an IPv4 address from this machine; None if this user cannot ping at all.
+    """Ping an IPv4 address from this machine with so many bytes; None if this user cannot ping at all.
 
     Requests do not wait for the replies to earlier ones; a reply more than `timeout_s` after its request counts as lost.
     Opening an ICMP socket requires net.ipv4.ping_group_range or CAP_NET_RAW. Without either, ping(1) is used.
@@ -171,10 +173,10 @@ def ping(
 
     for privileged in (False, True):
         with contextlib.suppress(icmplib.ICMPLibError), icmplib.ICMPv4Socket(privileged=privileged) as opened:
-            if found := _echo(opened, address, count, interval_s, timeout_s):
+            if found := _echo(opened, address, count, interval_s, timeout_s, payload_bytes):
                 return found
     interval_s = max(interval_s, PING_INTERVAL_S)
-    script = f"ping -n -c {count} -i {interval_s} -W {max(1, round(timeout_s))} {shlex.quote(address)}"
+    script = f"ping -n -c {count} -i {interval_s} -W {max(1, round(timeout_s))} -s {payload_bytes} {shlex.quote(address)}"
     limit_s = count * interval_s + 5
     output = laptop.batch([Script("ping", script, limit_s)], limit_s)["ping"]
     try:
@@ -183,7 +185,9 @@ def ping(
         return None
 
 
-def _echo(opened: ICMPv4Socket, address: str, count: int, interval_s: float, timeout_s: float) -> Ping | None:
+def _echo(
+    opened: ICMPv4Socket, address: str, count: int, interval_s: float, timeout_s: float, payload_bytes: int
+) -> Ping | None:
     """Send the requests and take the replies meanwhile; None if none could be sent, because there is no route."""
     import icmplib
     from icmplib.utils import unique_identifier
@@ -203,7 +207,7 @@ def _echo(opened: ICMPv4Socket, address: str, count: int, interval_s: float, tim
                     rtts_ms.setdefault(reply.sequence, rtt_ms)
 
     for sequence in range(count):
-        request = icmplib.ICMPRequest(address, identifier, sequence)
+        request = icmplib.ICMPRequest(address, identifier, sequence, payload_size=payload_bytes)
         with contextlib.suppress(icmplib.ICMPLibError):
             opened.send(request)
             sent[sequence] = request

@@ -79,6 +79,7 @@ class Row:
     laptop_end: End = LAPTOP_END
     robot_end: End | None = ROBOT_END
     ping: Ping = ALIVE
+    large_ping: Ping | None = None
     kind: str = ""  # of the failed login
     answers: Mapping[int, str] = field(default_factory=dict)
     knock: Knock | None = None
@@ -93,7 +94,15 @@ class Row:
         measured = self.robot_end is not None and not self.robot_end.error and not self.laptop_end.error
         bursts = (burst(UP, **self.up), burst(DOWN, **self.down), *self.more) if measured else ()
         path = Path(
-            ROBOT, self.laptop_end, self.robot_end, bursts, self.ping, self.answers, knock=self.knock, filters=self.filters
+            ROBOT,
+            self.laptop_end,
+            self.robot_end,
+            bursts,
+            self.ping,
+            self.large_ping,
+            self.answers,
+            knock=self.knock,
+            filters=self.filters,
         )
         live = [each for each in self.laptop if each.up and each.carrier]
         networks = {LAN0.interface: "10.42.0.0/24", TAIL0.interface: "10.42.0.0/24", WIFI0.interface: "192.168.42.0/24"}
@@ -337,6 +346,16 @@ ROWS = (
             answers=dict.fromkeys(REFUSED, "silent"), knock=Knock(), **UNASKED)
         for kind, where in (("ssh-config", "laptop"), ("jump", "link"), ("private-key", "laptop"), ("no-key", "laptop"))
     ),
+    *(
+        Row(f"mtu, {name}, large pings lost beside {kind}", {("mtu", machine)}, kind=kind, large_ping=Ping(6, 0, ()),
+            answers=REFUSED, laptop_end=end, **UNASKED)
+        for kind in ("silent", "timeout")
+        for name, machine, end in (
+            ("in between", "link", LAPTOP_END), ("of the laptop", "laptop", replace(LAPTOP_END, mtu=576)),
+        )
+    ),
+    Row("login, large pings answered", {("login", "robot"), ("samples", "link")}, kind="silent", answers=REFUSED,
+        large_ping=Ping(6, 6, (1.0,) * 6), **UNASKED),
     Row("login, sshd answers and ping does not, beside ssh-config", {("login", "laptop"), ("samples", "link")}, ping=DEAD,
         kind="ssh-config", answers=dict.fromkeys(REFUSED, "silent"), knock=Knock(answered=3), **UNASKED),
     Row("login, laptop's own counters beside ssh-config", {("login", "laptop"), ("samples", "link")}, kind="ssh-config",
