@@ -41,6 +41,7 @@ MAX_FIX_ROUNDS = 3
 MAX_PARALLEL_ROBOTS = 20
 PATH_CHECKS = tuple(check.name for check in path_checks.CHECKS)
 SLOW_ROUND_TRIP_S, LATE_ROUND_TRIP_S, HOPELESS_ROUND_TRIP_S = 0.1, 0.3, 1.0
+BURST_LOSS = 0.15  # of 40 packets: more than a wireless link loses at random
 LATE_VISIT_S = 4.0  # a visit of a working robot takes about two; a lost discovery packet is sent again seconds later
 CLOCK_CHECK = "clock.drift"
 MANY_TIMEOUTS = 3  # of a robot's probes
@@ -189,22 +190,26 @@ class DoctorSession:
         those of all robots. Otherwise the session gathers the laptop's facts and uses its own robot's addresses.
         """
         scope, own_addresses = self.scope, self.scope.addresses()
-        snapshot = gather_snapshot(
-            scope.checks,
-            scope.laptop,
-            self._connect if scope.robot else None,
-            self._link(own_addresses[0], scope.best_transport(), scope.login()) if scope.robot else None,
-            addresses or own_addresses,
-            self._clock_offset,
-            laptop_facts,
-            self._measure_path,
-        )
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="burst") as pool:
+            loses_bursts = pool.submit(self._loses_bursts)
+            snapshot = gather_snapshot(
+                scope.checks,
+                scope.laptop,
+                self._connect if scope.robot else None,
+                self._link(own_addresses[0], scope.best_transport(), scope.login()) if scope.robot else None,
+                addresses or own_addresses,
+                self._clock_offset,
+                laptop_facts,
+                self._measure_path,
+            )
         diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
         if snapshot.path is None and (
             _is_lost_on_the_way(snapshot, diagnosis)
             or _may_lose_packets(snapshot.link)
             or _answers_are_missing(snapshot)
-            or measure(snapshot).visit_s > LATE_VISIT_S  # the next program that joins may not be as lucky
+            # The next program that joins may not be as lucky.
+            or measure(snapshot).visit_s > LATE_VISIT_S
+            or (snapshot.link is not None and snapshot.link.reachable and loses_bursts.result())
         ):
             snapshot = replace(snapshot, path=self._measure_path(snapshot))
             diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
@@ -224,6 +229,19 @@ class DoctorSession:
         if with_followups is None:
             return DoctorResult(snapshot, diagnosis)
         return DoctorResult(with_followups, diagnose(scope.checks, with_followups, scope.plugin_errors))
+
+    def _loses_bursts(self) -> bool:
+        """Return whether packets to the robot that are sent at once are lost, as far as this user can see that."""
+        addresses = self.scope.addresses()
+        if not addresses or not addresses[0].replace(".", "").isdigit():
+            return False
+        if not any(check.name in PATH_CHECKS for check in self.scope.checks):
+            return False
+        from lupin_cli.link.quality import echo_burst
+
+        found = echo_burst(addresses[0])
+        # Without an answer at all, it is the ping that is filtered, or the robot that is off.
+        return found is not None and found.received > 0 and found.loss > BURST_LOSS
 
     def _measure_path(self, snapshot: Snapshot) -> Path | None:
         """Measure the path to the robot's address that this shell's DDS uses; None if no check that needs it was selected."""

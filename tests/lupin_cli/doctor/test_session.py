@@ -135,6 +135,7 @@ def test_path_of_a_robot_that_does_not_answer_is_measured(
         raise Unreachable("no answer", kind)
 
     monkeypatch.setattr("lupin_cli.link.path.measure_from", measure)
+    monkeypatch.setattr("lupin_cli.link.quality.echo_burst", lambda _: None)
     monkeypatch.setattr(DoctorSession, "_connect", fail)
     monkeypatch.delenv("ROS_DISCOVERY_SERVER", raising=False)
     # The laptop's facts are there at once: what arrives does not tell that the link is bad.
@@ -146,9 +147,17 @@ def test_path_of_a_robot_that_does_not_answer_is_measured(
     assert roots == ["packets-lost"] * measured
 
 
-@pytest.mark.parametrize(("visit_s", "measured"), [(2.1, 0), (5.4, 1)])
-def test_path_is_measured_if_everything_arrived_late(
-    machine: type[ScriptedMachine], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, visit_s: float, measured: int
+@pytest.mark.parametrize(
+    ("visit_s", "burst", "measured"),
+    [(2.1, None, 0), (5.4, None, 1), (2.1, 40, 0), (2.1, 36, 0), (2.1, 20, 1), (2.1, 0, 0)],
+)
+def test_path_is_measured_if_everything_arrived_late_or_bursts_do_not_pass(
+    machine: type[ScriptedMachine],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    visit_s: float,
+    burst: int | None,
+    measured: int,
 ) -> None:
     asked: list[str] = []
 
@@ -156,7 +165,12 @@ def test_path_is_measured_if_everything_arrived_late(
         asked.append(address)
         return MeasuredPath(address, End("laptop", "eth0", "192.0.2.1"))
 
+    def echo_burst(address: str) -> Ping | None:
+        assert address == "192.0.2.2"
+        return None if burst is None else Ping(40, burst, (1.0,) * burst)
+
     graphs = Graphs((received(visit_s=visit_s),))
+    monkeypatch.setattr("lupin_cli.link.quality.echo_burst", echo_burst)
     link = Link("pot", "192.0.2.2", transport="wired", clock=Offset(0.0, 0.001))
     monkeypatch.setattr("lupin_cli.link.path.measure_from", measure)
     monkeypatch.setattr(

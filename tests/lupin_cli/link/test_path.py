@@ -421,6 +421,27 @@ def test_ping_counts_late_replies_of_its_own_requests(cable: Cable, settings: di
         assert all(rtt_ms >= 2 * settings.get("delay_ms", 0.0) for rtt_ms in rtts_ms)
 
 
+ECHO_BURST = """
+import json, sys
+from lupin_cli.link.quality import echo_burst
+found = echo_burst(sys.argv[1])
+print(json.dumps([found.sent, found.received]))
+"""
+
+
+@pytest.mark.parametrize("machine", ["robot", "laptop"])
+@pytest.mark.parametrize("rate", ["", "384kbit", "768kbit"])
+def test_burst_is_lost_where_the_rate_is_limited(cable: Cable, machine: str, rate: str) -> None:
+    cable.emulate()
+    end: Machine = getattr(cable, machine)
+    if rate:
+        end.run("tc", "qdisc", "add", "dev", end.interface, "root", "tbf", "rate", rate, "burst", "3000", "limit", "6000")
+    output, _ = cable.laptop.start(sys.executable, "-c", ECHO_BURST, ROBOT).communicate(timeout=60)
+    sent, received = json.loads(output)
+    assert sent == 40 and received > 0
+    assert (received < 0.85 * sent) == bool(rate)
+
+
 def test_program_that_does_not_read_its_socket_is_named(cable: Cable) -> None:
     cable.emulate()
     cable.robot.bind(SERVER_PORT)
