@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import re
 
-from lupin_cli.link.path import SMALL_BYTES, Burst, End, Path
+from lupin_cli.link.path import DOWN, SMALL_BYTES, UP, Burst, End, Path
 
 PASSES, LOST = 0.95, 0.1  # shares of packets: a layer that delivers more works; one that delivers less passes nothing
+MOSTLY_LOST = 0.5
 LIMITED = 0.2
+LATE_MS = 100.0  # drive commands come every 50 ms
+TO = {UP: "from the laptop to the robot", DOWN: "from the robot to the laptop"}
 # Rules of nft and iptables that take some of the packets: above a rate, or at random.
 TAKES_SOME = re.compile(r"\budp\b.*(limit rate over|numgen random)|-p udp .*(hashlimit|--limit|statistic)")
 

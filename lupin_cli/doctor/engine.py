@@ -10,7 +10,7 @@ from lupin_cli.checks import ground_truth
 from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
 from lupin_cli.checks.findings import NEED_VENDOR, OVER_GRAPH
 from lupin_cli.checks.ground_truth import GroundTruth, State
-from lupin_cli.checks.path import BY_CHANCE
+from lupin_cli.checks.path_losses import BY_CHANCE
 from lupin_cli.doctor.areas import Area, judge_areas
 from lupin_cli.facts.base import Unknown
 from lupin_cli.printed_commands import complete

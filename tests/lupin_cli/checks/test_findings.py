@@ -17,8 +17,14 @@ from lupin_cli.playbook import load
 from tests.support.paths import ROOT
 
 FOLDER = Path(lupin_cli.checks.__file__).parent
+PARTS = {"path": ("path_ends", "path_losses")}
 # One of these is in the file of every test that causes its fault instead of judging captured output.
 CAUSING_MARKS = ("pytest.mark.host", "pytest.mark.graph", "def sourced(")
+
+
+def sources(module: str) -> list[Path]:
+    """The files of a check module: its own, and those with a part of its functions."""
+    return [FOLDER / f"{name}.py" for name in (module, *PARTS.get(module, ()))]
 
 
 @cache
@@ -33,7 +39,7 @@ def constants(node: ast.AST) -> set[str]:
 def named_ids(module: str) -> set[str]:
     """Return the strings of a check module, without those that only say what a finding explains."""
     found: set[str] = set()
-    pending: list[ast.AST] = [tree_of(FOLDER / f"{module}.py")]
+    pending: list[ast.AST] = [tree_of(path) for path in sources(module)]
     while pending:
         node = pending.pop()
         if isinstance(node, ast.keyword) and node.arg == "explains":
@@ -70,7 +76,7 @@ def test_module_of_a_row_names_its_finding(row: FindingRow) -> None:
 @pytest.mark.parametrize("module", sorted({row.module for row in FINDINGS}))
 def test_checks_build_only_findings_with_a_row(module: str) -> None:
     ids = {row.id for row in FINDINGS if row.module == module}
-    calls = [node for node in ast.walk(tree_of(FOLDER / f"{module}.py")) if isinstance(node, ast.Call)]
+    calls = [node for path in sources(module) for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)]
     names = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
     assert "make_finding" in names and "Finding" not in names
     for call in calls:
