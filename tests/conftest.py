@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,12 +15,14 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
+from tests.support.waiting import WAIT_S, wait_until
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
 
 # Property tests on a machine with other work: neither a slow example nor slow generation of examples is a failure.
-settings.register_profile("shared machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# The examples are the same in every run, so that a change is to blame for a failure.
+settings.register_profile("shared machine", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("shared machine")
 
 pytest_plugins = ["lupin_sim.host.fixtures"]  # simulated computers: host, fresh_host, boot_host
@@ -109,21 +110,16 @@ class GraphHost:
         except BaseException as error:  # raised in the test by `until` or `close`
             self._errors.append(error)
 
-    def until(self, condition: Callable[[], Any], timeout_s: float = 20.0, what: str = "the condition") -> Any:
+    def until(self, condition: Callable[[], Any], timeout_s: float = WAIT_S, what: str = "the condition") -> Any:
         """Wait until `condition()` is true, and return its value.
 
         Fails the test after `timeout_s`. Raises the first exception of a node's callback, if there was one.
         """
-        deadline = time.monotonic() + timeout_s
-        while True:
-            if self._errors:
-                raise self._errors[0]
-            value = condition()
-            if value:
-                return value
-            if time.monotonic() > deadline:
-                pytest.fail(f"waited {timeout_s:g} s for: {what}")
-            time.sleep(0.002)
+        return wait_until(condition, what, timeout_s, interval_s=0.002, each=self._raise_error)
+
+    def _raise_error(self) -> None:
+        if self._errors:
+            raise self._errors[0]
 
     def within(self, node: Any, function: Callable[[], Any]) -> Any:
         """Run a function on the thread that spins `node`, and return its value.
@@ -145,7 +141,7 @@ class GraphHost:
     def _stop(self, node: Any, executor: Any, thread: threading.Thread, stop: Any) -> None:
         # The thread must return first: a shutdown destroys what a running callback still needs.
         stop.set_result(None)
-        thread.join(timeout=2.0)
+        thread.join()  # the test's own timeout ends a callback that hangs
         for task, *_ in executor._tasks:
             # A goal that was accepted at the very end: its coroutine never began, and would warn when it is collected.
             if inspect.iscoroutine(task._handler) and inspect.getcoroutinestate(task._handler) == inspect.CORO_CREATED:

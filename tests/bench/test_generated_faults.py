@@ -84,7 +84,7 @@ def test_fault_has_layer_and_machine_unless_harmless(seed: int, number: int) -> 
 
 
 @given(SEEDS, NUMBERS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_every_script_is_valid_and_has_an_undo(seed: int, number: int) -> None:
     for step in draw_case(seed, number).steps:
         assert step.make and step.undo

@@ -18,8 +18,8 @@ from tests.support.secret_strategies import (
 )
 
 CONTEXTS = {**SIMPLE_PASSWORD_CONTEXTS, **ANY_PASSWORD_CONTEXTS}
-few_examples = settings(max_examples=15, deadline=None)
-many_examples = settings(max_examples=150, deadline=None)
+few_examples = settings(max_examples=15)
+many_examples = settings(max_examples=150)
 
 
 @pytest.mark.parametrize("name", SIMPLE_PASSWORD_CONTEXTS)
@@ -108,7 +108,7 @@ def test_text_around_secret_is_unchanged() -> None:
     assert mask_secrets(line) == line.replace('hun\\"ter', MASK)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     secret=simple_passwords,
     min_length=st.integers(0, 9000),

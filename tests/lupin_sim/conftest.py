@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from lupin_sim.cameras import CameraRig, new_image
 from lupin_sim.engine import Simulation
 from lupin_sim.graphics import DISABLED
 from lupin_sim.worlds import load_world
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from nav_msgs.msg import Odometry
@@ -156,10 +156,9 @@ class GraphClient:
 
     def spin_until(self, condition: Callable[..., Any], what: str, timeout_s: float = DEADLINE_S) -> Odometry | bool | int:
         """Spin until a condition is true, and return its value; fails the test after `timeout_s`."""
-        end = time.monotonic() + timeout_s
-        while not (value := condition()):
-            assert time.monotonic() < end, f"not within {timeout_s:g} s: {what}"
-            self._executor.spin_once(timeout_sec=0.05)
+        value: Odometry | bool | int = wait_until(
+            condition, what, timeout_s, interval_s=0.0, each=lambda: self._executor.spin_once(timeout_sec=0.05)
+        )
         return value
 
     def next_message(self, row: graph.Topic) -> Any:

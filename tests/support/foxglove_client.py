@@ -7,12 +7,13 @@ import json
 import socket
 import struct
 import threading
-import time
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
 
 import aiohttp
+
+from tests.support.waiting import wait_until
 
 SUBPROTOCOL = "foxglove.sdk.v1"
 ANSWER_TIMEOUT_S = 20.0
@@ -102,12 +103,8 @@ class FoxgloveClient:
         return [message.data for message in self.messages if message.topic == topic]
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
-        """Wait until a condition is true, and return its value. Fails the test after ANSWER_TIMEOUT_S."""
-        deadline_s = time.monotonic() + ANSWER_TIMEOUT_S
-        while not (value := condition()):
-            assert time.monotonic() < deadline_s, f"waited {ANSWER_TIMEOUT_S:g} s for {what}"
-            time.sleep(0.002)
-        return value
+        """Wait until a condition is true, and return its value."""
+        return wait_until(condition, what, interval_s=0.002)
 
     # -- disconnecting ------------------------------------------------------------------------------------------------
     def close(self) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from lupin_runtime import graph
+from tests.support.waiting import wait_until
 
 TIMEOUT_S = 30.0
 
@@ -42,7 +42,7 @@ class GraphClient:
     def close(self) -> None:
         """Leave the graph."""
         self._end.set_result(None)
-        self._thread.join(5.0)
+        self._thread.join()
         self._executor.shutdown(timeout_sec=2.0)
         self.node.destroy_node()
         self._context.try_shutdown()
@@ -52,13 +52,8 @@ class GraphClient:
         return (self.folder / "logs" / f"{process}.log").read_text(errors="replace")
 
     def until(self, condition: Callable[[], Any], what: str, timeout_s: float = TIMEOUT_S) -> Any:
-        """Wait until the condition is true, and return its value. Raises TimeoutError with `what`."""
-        deadline = time.monotonic() + timeout_s
-        while not (value := condition()):
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"no {what} within {timeout_s:g} s")
-            time.sleep(0.01)
-        return value
+        """Wait until the condition is true, and return its value. Fails the test with `what`."""
+        return wait_until(condition, what, timeout_s, interval_s=0.01)
 
     def within(self, function: Callable[[], Any]) -> Any:
         """Run a function on the spinning thread, as action clients require, and return its value."""

@@ -244,7 +244,7 @@ class ReleaseRig(GraphClient):
 
         try:
             return bool(self.until(moved, "motion by a newer command", timeout_s))
-        except TimeoutError:
+        except AssertionError:
             return False
 
     # -- sources -------------------------------------------------------------------------------------------------------

@@ -55,7 +55,7 @@ def archives_with(planted: str, secret: str) -> list[list[BundleItem]]:
 
 
 @pytest.mark.parametrize("name", [*SIMPLE_PASSWORD_CONTEXTS, *ANY_PASSWORD_CONTEXTS])
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(secret=simple_passwords)
 def test_secret_in_any_file_is_masked_in_all_files(name: str, secret: str) -> None:
     planted = {**SIMPLE_PASSWORD_CONTEXTS, **ANY_PASSWORD_CONTEXTS}[name](secret)
@@ -74,7 +74,7 @@ def test_private_key_is_masked_in_all_files() -> None:
         assert line.encode() not in found
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.text("abcdefgijlmnoqrtuvxyz 0123456789,\n", max_size=80), max_size=5))
 def test_files_without_secrets_are_unchanged(texts: list[str]) -> None:
     contents = assemble_items(*(BundleItem(f"{index}.log", "", text.encode()) for index, text in enumerate(texts)))

@@ -33,7 +33,7 @@ def redacted(*texts: str, **options: Any) -> list[str]:
     return [redactor.redact_text(text) for text in texts]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(secret=simple_passwords, around=st.sampled_from(["with {} it failed", "'{}'", "x{}y", "http://h/{}/x", "[{}]"]))
 def test_secret_of_settings_file_is_masked_in_other_texts(secret: str, around: str) -> None:
     mention = around.format(secret)
@@ -55,7 +55,7 @@ def test_given_secret_is_masked_in_text_json_and_urls() -> None:
     assert redactor.redact_text('pä s "p\\u00e4 s" p%C3%A4%20s') == f'{MASK} "{MASK}" {MASK}'
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.one_of(arbitrary_text, redaction_tokens), max_size=3))
 @example(["$1$-----BEGIN PRIVATE KEY-----"])
 @example(["x psk=-----BEGIN PRIVATE KEY-----"])
@@ -65,7 +65,7 @@ def test_redaction_is_idempotent(texts: list[str]) -> None:
     assert redacted(*once) == once
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.binary(max_size=300))
 def test_any_bytes_are_redacted_or_unchanged(data: bytes) -> None:
     redactor = Redactor()

@@ -117,7 +117,7 @@ DIRECTIVES = st.sampled_from(
 )
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(DIRECTIVES, max_size=6), st.lists(DIRECTIVES.filter(lambda line: "Include" not in line), max_size=3))
 def test_resolve_changes_only_what_directives_name(tmp_path: Path, lines: list[str], more: list[str]) -> None:
     (tmp_path / "more").write_text("\n".join(more))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_cli.checks import Check, Finding, Fix, Severity, Snapshot
@@ -184,7 +184,6 @@ def test_same_finding_of_two_checks_is_listed_once(finding: Callable[..., Any]) 
 IDS = st.sampled_from("abcdef")
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(IDS, st.frozensets(IDS)), max_size=8))
 def test_folding_keeps_every_finding_exactly_once(edges: list[Any]) -> None:
     found = [

@@ -173,7 +173,7 @@ def test_lists_of_another_signed_release_are_refused(signed: SignedRelease) -> N
     assert signed.damage() == ["built (changed)"]
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_any_changed_byte_of_text_or_signature_is_refused(signed: SignedRelease, data: st.DataObject) -> None:
     name = data.draw(st.sampled_from((SIGNED, SIGNATURE)))

@@ -21,6 +21,7 @@ from lupin_runtime.cameras.configuration import CameraConfiguration, Gripper
 from lupin_runtime.cameras.devices import GRIPPER
 from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, OFF, RUNNING
 from lupin_runtime.cameras.holders import find_holders, terminate
+from tests.support.waiting import wait_until
 
 # Keeps the file in its first argument open, as a camera driver does; with a second argument it ignores all signals but SIGKILL.
 HOLD = """#!{python}
@@ -115,14 +116,6 @@ def camera_driver(tmp_path: Path) -> Iterator[Callable[..., None]]:
         assert not thread.is_alive()
 
 
-def until(condition: Callable[[], Any], what: str) -> Any:
-    deadline_s = time.monotonic() + 20.0
-    while not (value := condition()):
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.01)
-    return value
-
-
 def test_holders_are_found_with_their_programs(device: Path, hold: Hold, tmp_path: Path) -> None:
     assert find_holders([device]) == []
     (tmp_path / "other").touch()
@@ -155,8 +148,8 @@ def test_vendors_driver_is_replaced(device: Path, hold: Hold, ros2: Path, camera
     vendor = hold("usb_cam_node_exe", device)
     camera_driver()
     vendor.wait(20.0)
-    until(lambda: ros2.read_text().count("\n") == 1, "the start of our driver")
-    until(lambda: len(find_holders([device])) == 1, "our driver on the device")
+    wait_until(lambda: ros2.read_text().count("\n") == 1, "the start of our driver")
+    wait_until(lambda: len(find_holders([device])) == 1, "our driver on the device")
 
 
 def test_other_program_is_named_and_not_terminated(
@@ -164,12 +157,12 @@ def test_other_program_is_named_and_not_terminated(
 ) -> None:
     person = hold("cheese", device)
     camera_driver()
-    said = until(lambda: capfd.readouterr().out, "a message")
+    said = wait_until(lambda: capfd.readouterr().out, "a message")
     assert f"held by cheese (process {person.pid})" in said and f"kill {person.pid}" in said
     time.sleep(0.3)  # in which a driver would have started
     assert person.poll() is None and ros2.read_text() == ""
     person.kill()
-    until(ros2.read_text, "the start of our driver")
+    wait_until(ros2.read_text, "the start of our driver")
 
 
 def test_driver_starts_again_when_camera_returns(
@@ -178,26 +171,26 @@ def test_driver_starts_again_when_camera_returns(
     name = tmp_path / "sys/class/video4linux/video2/name"
     name.rename(tmp_path / "unplugged")
     camera_driver()
-    until(lambda: "no gripper camera is connected" in capfd.readouterr().out, "a message")
+    wait_until(lambda: "no gripper camera is connected" in capfd.readouterr().out, "a message")
     (tmp_path / "unplugged").rename(name)
-    until(lambda: ros2.read_text().count("\n") == 1, "the start of the driver")
-    (ours,) = until(lambda: find_holders([device]), "the driver on the device")
+    wait_until(lambda: ros2.read_text().count("\n") == 1, "the start of the driver")
+    (ours,) = wait_until(lambda: find_holders([device]), "the driver on the device")
     name.rename(tmp_path / "unplugged")
     psutil.Process(ours.pid).kill()
-    until(lambda: "no gripper camera is connected" in capfd.readouterr().out, "a message")
+    wait_until(lambda: "no gripper camera is connected" in capfd.readouterr().out, "a message")
     (tmp_path / "unplugged").rename(name)
-    until(lambda: ros2.read_text().count("\n") == 2, "the next start")
+    wait_until(lambda: ros2.read_text().count("\n") == 2, "the next start")
 
 
 def test_stopping_leaves_no_process(device: Path, ros2: Path, tmp_path: Path) -> None:
     ended = threading.Event()
     thread = threading.Thread(target=driver.CameraDriver(GRIPPER, CameraConfiguration(), ended, tmp_path).run)
     thread.start()
-    until(lambda: find_holders([device]), "the driver on the device")
+    wait_until(lambda: find_holders([device]), "the driver on the device")
     ended.set()
     thread.join(20.0)
     assert not thread.is_alive() and ros2.read_text().count("\n") == 1
-    until(lambda: find_holders([device]) == [], "the end of the driver")
+    wait_until(lambda: find_holders([device]) == [], "the end of the driver")
 
 
 def test_driver_of_switched_off_camera_does_not_start(
@@ -205,7 +198,7 @@ def test_driver_of_switched_off_camera_does_not_start(
 ) -> None:
     assert device.exists()
     camera_driver(CameraConfiguration(gripper=Gripper(enabled=False)))
-    until(lambda: "is switched off in /etc/lupin/cameras.yaml" in capfd.readouterr().out, "a message")
+    wait_until(lambda: "is switched off in /etc/lupin/cameras.yaml" in capfd.readouterr().out, "a message")
     time.sleep(0.3)  # in which a driver would have started
     assert ros2.read_text() == ""
 
@@ -216,7 +209,7 @@ def test_missing_vendor_software_is_reported(
     assert device.exists()
     monkeypatch.setenv("PATH", "/nonexistent")
     camera_driver()
-    until(lambda: "ros2 cannot be started" in capfd.readouterr().out, "a message")
+    wait_until(lambda: "ros2 cannot be started" in capfd.readouterr().out, "a message")
 
 
 @pytest.mark.usefixtures("ros2")
@@ -226,17 +219,17 @@ def test_every_state_is_written_for_the_doctor(
     name = tmp_path / "sys/class/video4linux/video2/name"
     name.rename(tmp_path / "unplugged")
     camera_driver()
-    until(lambda: kept()["state"] == ABSENT, "the absent camera")
+    wait_until(lambda: kept()["state"] == ABSENT, "the absent camera")
     person = hold("cheese", device)
     (tmp_path / "unplugged").rename(name)
-    until(lambda: kept()["state"] == HELD, "the held camera")
+    wait_until(lambda: kept()["state"] == HELD, "the held camera")
     assert f"cheese (process {person.pid})" in kept()["text"]
     person.kill()
-    until(lambda: kept()["state"] == RUNNING, "the running driver")
+    wait_until(lambda: kept()["state"] == RUNNING, "the running driver")
     for ends in (1, 2, 3):
-        (ours,) = until(lambda: find_holders([device]), "the driver on the device")
+        (ours,) = wait_until(lambda: find_holders([device]), "the driver on the device")
         psutil.Process(ours.pid).kill()
-        until(partial(lambda count: kept()["ends"] == count, ends), f"end {ends}")
+        wait_until(partial(lambda count: kept()["ends"] == count, ends), f"end {ends}")
         assert kept()["state"] == ENDED
     assert kept()["text"].endswith("3 times in a row")
 
@@ -250,11 +243,13 @@ def test_exit_count_restarts_after_a_stable_run(
 ) -> None:
     monkeypatch.setattr(driver, "STABLE_AFTER_S", 0.3)
     camera_driver()
-    (ours,) = until(lambda: find_holders([device]), "the driver on the device")
-    until(lambda: kept()["state"] == RUNNING, "the running driver")
+    (ours,) = wait_until(lambda: find_holders([device]), "the driver on the device")
+    wait_until(lambda: kept()["state"] == RUNNING, "the running driver")
     psutil.Process(ours.pid).kill()
-    until(lambda: kept()["state"] == ENDED, "the end")
-    until(lambda: kept() == {"state": RUNNING, "text": "the driver of the gripper camera runs", "ends": 0}, "the next driver")
+    wait_until(lambda: kept()["state"] == ENDED, "the end")
+    wait_until(
+        lambda: kept() == {"state": RUNNING, "text": "the driver of the gripper camera runs", "ends": 0}, "the next driver"
+    )
 
 
 def test_missing_software_and_off_state_are_written(
@@ -263,9 +258,9 @@ def test_missing_software_and_off_state_are_written(
     assert device.exists()
     monkeypatch.setenv("PATH", "/nonexistent")
     camera_driver()
-    until(lambda: kept()["state"] == NO_DRIVER, "the missing driver")
+    wait_until(lambda: kept()["state"] == NO_DRIVER, "the missing driver")
     camera_driver(CameraConfiguration(gripper=Gripper(enabled=False)))
-    until(lambda: kept()["state"] == OFF, "the camera that is switched off")
+    wait_until(lambda: kept()["state"] == OFF, "the camera that is switched off")
 
 
 @pytest.mark.usefixtures("ros2")
@@ -274,4 +269,4 @@ def test_unwritable_state_does_not_stop_the_driver(
 ) -> None:
     monkeypatch.setenv("RUNTIME_DIRECTORY", "/nonexistent")
     camera_driver()
-    until(lambda: find_holders([device]), "the driver on the device")
+    wait_until(lambda: find_holders([device]), "the driver on the device")

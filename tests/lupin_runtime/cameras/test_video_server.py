@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -18,17 +18,10 @@ from lupin_runtime.cameras.video_streams import VideoStreams
 from tests.support.image_messages import decoded, gradient, jpeg
 from tests.support.published_images import PublishedImages
 from tests.support.video_client import VideoClient
+from tests.support.waiting import wait_until
 
 BGR = gradient()
 JPEG = jpeg(BGR)
-
-
-def until(condition: Callable[[], Any], what: str) -> Any:
-    deadline_s = time.monotonic() + 20.0
-    while not (value := condition()):
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.002)
-    return value
 
 
 @pytest.fixture
@@ -80,7 +73,7 @@ def test_raw_images_are_encoded_once_for_all_clients(
     encode = jpeg_module.encode
     monkeypatch.setattr("lupin_runtime.cameras.video_streams.encode", counting)
     streams = [client.stream("/stream?topic=/raw") for _ in range(4)]
-    until(lambda: sum(row["clients"] for row in server.streams.describe()) == 4, "four clients")
+    wait_until(lambda: sum(row["clients"] for row in server.streams.describe()) == 4, "four clients")
     for number in range(1, 4):
         graph.publish_raw(number)
         images = {stream.image() for stream in streams}
@@ -92,7 +85,7 @@ def test_raw_images_are_encoded_once_for_all_clients(
 @pytest.mark.parametrize("topic", ["/raw", "/jpeg"])
 def test_clients_get_the_width_that_they_asked_for(graph: PublishedImages, client: VideoClient, topic: str) -> None:
     small, full = client.stream(f"/stream?topic={topic}&width=32"), client.stream(f"/stream?topic={topic}")
-    until(lambda: watched(graph) == 1, "one subscription for both")
+    wait_until(lambda: watched(graph) == 1, "one subscription for both")
     graph.publish(JPEG, 1)
     graph.publish_raw(1)
     assert decoded(small.image()[0]).shape == (24, 32, 3)
@@ -108,7 +101,7 @@ def test_camera_is_subscribed_to_only_while_it_has_clients(graph: PublishedImage
     graph.publish(JPEG)
     streams[2].image()
     streams[2].close()
-    until(lambda: watched(graph) == 0, "the end of the subscription, though no image comes")
+    wait_until(lambda: watched(graph) == 0, "the end of the subscription, though no image comes")
 
 
 def test_streams_opened_and_closed_quickly_leave_nothing(graph: PublishedImages, server: VideoHttpServer) -> None:
@@ -126,8 +119,8 @@ def test_streams_opened_and_closed_quickly_leave_nothing(graph: PublishedImages,
     while any(visitor.is_alive() for visitor in visitors):
         graph.publish(JPEG)
         time.sleep(0.001)
-    until(lambda: watched(graph) == 0, "the end of the subscription")
-    until(lambda: threading.active_count() <= threads_before, "the end of all threads")
+    wait_until(lambda: watched(graph) == 0, "the end of the subscription")
+    wait_until(lambda: threading.active_count() <= threads_before, "the end of all threads")
 
 
 def test_client_that_never_reads_is_disconnected(
@@ -138,13 +131,13 @@ def test_client_that_never_reads_is_disconnected(
     stuck = socket.create_connection(("127.0.0.1", server.port))
     stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     stuck.sendall(b"GET /stream?topic=/jpeg HTTP/1.1\r\nHost: x\r\n\r\n")
-    until(lambda: watched(graph) == 1, "the first client")
+    wait_until(lambda: watched(graph) == 1, "the first client")
     reader = client.stream("/stream?topic=/jpeg")
-    until(lambda: server.streams.describe()[0]["clients"] == 2, "both clients")
+    wait_until(lambda: server.streams.describe()[0]["clients"] == 2, "both clients")
     for number in range(1, 20):
         graph.publish(large, number)
         assert reader.image()[1] == number
-    until(lambda: server.streams.describe()[0]["clients"] == 1, "the end of the client that does not read")
+    wait_until(lambda: server.streams.describe()[0]["clients"] == 1, "the end of the client that does not read")
     stuck.close()
 
 
@@ -180,7 +173,7 @@ def test_snapshot_of_silent_camera_is_refused_with_reason(
 ) -> None:
     monkeypatch.setattr(http_server, "SNAPSHOT_TIMEOUT_S", 0.2)
     assert "no image came from /jpeg within 0.2 s" in client.text("/snapshot?topic=/jpeg", 504)
-    until(lambda: watched(graph) == 0, "the end of the subscription")
+    wait_until(lambda: watched(graph) == 0, "the end of the subscription")
 
 
 def test_snapshot_of_an_unsupported_encoding_names_it(
@@ -190,9 +183,9 @@ def test_snapshot_of_an_unsupported_encoding_names_it(
     answer: list[str] = []
     asking = threading.Thread(target=lambda: answer.append(client.text("/snapshot?topic=/raw", 504)))
     asking.start()
-    until(lambda: watched(graph) == 1, "the subscription")
+    wait_until(lambda: watched(graph) == 1, "the subscription")
     graph.publish_raw(1, encoding="64FC4")
-    until(lambda: warnings, "a warning")
+    wait_until(lambda: warnings, "a warning")
     asking.join()
     assert "/raw is not shown: images of encoding '64FC4' are not supported; those are: 16UC1, 32FC1, 8UC1" in answer[0]
 
@@ -222,7 +215,7 @@ def test_head_of_a_stream_ends_at_once(graph: PublishedImages, client: VideoClie
     status, nothing, headers = client.get("/stream?topic=/jpeg", "HEAD")
     assert (status, nothing) == (200, b"")
     assert headers["Content-Type"].startswith("multipart/x-mixed-replace")
-    until(lambda: watched(graph) == 0, "the end of the subscription")
+    wait_until(lambda: watched(graph) == 0, "the end of the subscription")
 
 
 def test_cameras_are_listed_with_their_rate(graph: PublishedImages, client: VideoClient) -> None:
@@ -274,7 +267,7 @@ def test_damaged_images_are_skipped_and_logged_once(
     stream = client.stream("/stream?topic=/jpeg")
     for _ in range(3):
         graph.publish(damaged)
-    until(lambda: warnings, "a warning")
+    wait_until(lambda: warnings, "a warning")
     assert "error" in client.json("/streams")[0]
     graph.publish(JPEG, 9)
     assert stream.image() == (JPEG, 9)
@@ -285,9 +278,9 @@ def test_malformed_messages_are_reported(graph: PublishedImages, client: VideoCl
     streams = [client.stream(f"/stream?topic={topic}") for topic in ("/jpeg", "/raw")]
     for receive in graph.subscriptions.values():
         receive(b"\0\1\0\0no message")
-    until(lambda: len(warnings) == 2, "two warnings")
+    wait_until(lambda: len(warnings) == 2, "two warnings")
     graph.publish_raw(3, encoding="rgb32")
-    until(lambda: any("'rgb32' are not supported" in warning for warning in warnings), "a third")
+    wait_until(lambda: any("'rgb32' are not supported" in warning for warning in warnings), "a third")
     graph.publish(JPEG, 4)
     graph.publish_raw(4)
     assert [stream.image()[1] for stream in streams] == [4, 4]
@@ -306,7 +299,7 @@ def test_client_without_a_request_is_disconnected(server: VideoHttpServer, monke
             return True
         return False
 
-    until(drip, "the end of the connection")
+    wait_until(drip, "the end of the connection")
     slow.close()
 
 
@@ -317,7 +310,7 @@ def test_connections_per_address_are_limited(graph: PublishedImages, server: Vid
     with pytest.raises((ConnectionError, OSError)):
         VideoClient(server.port).get("/streams")
     client.close()
-    until(lambda: watched(graph) == 0, "the end of the streams")
+    wait_until(lambda: watched(graph) == 0, "the end of the streams")
     assert VideoClient(server.port).json("/streams")
 
 
@@ -356,4 +349,4 @@ def test_stopping_the_server_ends_its_streams(graph: PublishedImages, server: Vi
     server.stop()
     with pytest.raises(EOFError):
         stream.image()
-    until(lambda: watched(graph) == 0, "the end of the subscription")
+    wait_until(lambda: watched(graph) == 0, "the end of the subscription")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rcl_interfaces.msg import ParameterType as Kind
 from rcl_interfaces.msg import ParameterValue
@@ -62,20 +62,17 @@ def test_json_text_is_converted_to_its_parameter_type(text: str, kind: int, valu
     assert (found.type, plain_value(found)) == (kind, value)
 
 
-@settings(deadline=None)
 @given(AS_IN_YAML | st.lists(AS_IN_YAML | st.just("a") | st.none(), max_size=4))
 def test_types_equal_those_of_rclpy(value: Any) -> None:
     text = json.dumps(value)
     assert filled(text) == get_parameter_value(text)
 
 
-@settings(deadline=None)
 @given(JSON)
 def test_every_json_value_is_converted_to_a_parameter(value: Any) -> None:
     assert Kind.PARAMETER_NOT_SET < filled(json.dumps(value)).type <= Kind.PARAMETER_STRING_ARRAY
 
 
-@settings(deadline=None)
 @given(st.text())
 def test_invalid_text_raises_only_value_errors(text: str) -> None:
     for candidate in (text, json.dumps(text)):
@@ -83,7 +80,6 @@ def test_invalid_text_raises_only_value_errors(text: str) -> None:
             filled(candidate)
 
 
-@settings(deadline=None)
 @given(st.booleans() | INT64 | FLOATS)
 def test_number_survives_the_round_trip(value: float) -> None:
     assert plain_value(filled(json.dumps(value))) == value

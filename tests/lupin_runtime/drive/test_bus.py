@@ -130,7 +130,7 @@ def run_sequence(sequence: list[Any]) -> list[tuple[History, int, object, Twist 
     return rows
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(SEQUENCES)
 def test_locked_bus_sends_only_zero(sequence: list[Any]) -> None:
     for history, now_ns, _, out, _ in run_sequence(sequence):
@@ -138,7 +138,7 @@ def test_locked_bus_sends_only_zero(sequence: list[Any]) -> None:
             assert out in (None, ZERO)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(SEQUENCES)
 def test_motion_is_the_message_just_received_from_the_winner(sequence: list[Any]) -> None:
     for history, now_ns, what, out, _ in run_sequence(sequence):
@@ -151,14 +151,14 @@ def test_motion_is_the_message_just_received_from_the_winner(sequence: list[Any]
         assert key == history.winner(now_ns)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(SEQUENCES)
 def test_winner_is_the_highest_fresh_input_of_an_unlocked_bus(sequence: list[Any]) -> None:
     for history, now_ns, _, _, winner in run_sequence(sequence):
         assert winner == (None if history.locked(now_ns) else history.winner(now_ns))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(SEQUENCES)
 def test_sink_commands_are_finite_and_within_the_limits(sequence: list[Any]) -> None:
     limits = HardLimits()
@@ -168,7 +168,7 @@ def test_sink_commands_are_finite_and_within_the_limits(sequence: list[Any]) -> 
             assert max(abs(out.x), abs(out.y)) <= limits.linear_mps and abs(out.yaw) <= limits.yaw_radps
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(SEQUENCES)
 def test_after_an_estop_an_input_must_rest_before_it_moves(sequence: list[Any]) -> None:
     rested: dict[str, bool] = {}

@@ -38,7 +38,7 @@ def run(commands: Sequence[Twist | None]) -> list[Twist]:
     return out
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(COMMANDS)
 def test_velocity_and_its_change_stay_within_the_limits(commands: Sequence[Twist | None]) -> None:
     before = ZERO

@@ -254,7 +254,7 @@ def test_unseen_surfaces_are_given_up_after_tries() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_travel_distances_match_dijkstra(seed: int) -> None:
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import dijkstra

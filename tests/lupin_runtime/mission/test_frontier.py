@@ -33,7 +33,7 @@ def _reference_frontier_cells(grid: np.ndarray[Any, Any], radius: int, free: int
 
 
 @given(cells, st.integers(0, 3))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_frontier_cells_match_definition(grid: np.ndarray[Any, Any], radius: int) -> None:
     expected = _reference_frontier_cells(grid, radius, 20, 65)
     found = frontier_cells(GridMap(grid, 0.05, 0.0, 0.0), FrontierSettings(radius_cells=radius))
@@ -41,7 +41,7 @@ def test_frontier_cells_match_definition(grid: np.ndarray[Any, Any], radius: int
 
 
 @given(cells, st.integers(1, 4))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_clusters_are_connected_and_large_enough(grid: np.ndarray[Any, Any], least: int) -> None:
     settings_ = FrontierSettings(radius_cells=0, min_cluster_cells=least)
     grid_map = GridMap(grid, 0.1, -1.0, 2.0)

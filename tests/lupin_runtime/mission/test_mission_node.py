@@ -203,7 +203,7 @@ class FakeGraph:
             StartMission.Request(mission_type=kind, tag_sequence=list(tags), discovery_goal=goal),
         )
 
-    def until(self, condition: Any, what: str, timeout_s: float = 20.0) -> Any:
+    def until(self, condition: Any, what: str, timeout_s: float = 60.0) -> Any:
         """Wait for a state that is published after this call."""
         seen = len(self.states)
 

@@ -225,7 +225,6 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig], leaf_state: s
         settings=settings(
             max_examples=EXAMPLES,
             stateful_step_count=50,
-            deadline=None,
             suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
         ),
     )

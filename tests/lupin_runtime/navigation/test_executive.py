@@ -247,7 +247,7 @@ class GoalsUnderEstop(RuleBasedStateMachine):
 
 
 TestGoalsUnderEstop = GoalsUnderEstop.TestCase
-TestGoalsUnderEstop.settings = settings(max_examples=30, stateful_step_count=30, deadline=None)
+TestGoalsUnderEstop.settings = settings(max_examples=30, stateful_step_count=30)
 
 
 def test_lost_transforms_fail_with_their_own_error() -> None:

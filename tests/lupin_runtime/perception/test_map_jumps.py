@@ -125,7 +125,7 @@ def test_loop_closure_moves_old_tags_as_the_pose_graph_does(seed: int) -> None:
     assert max(after) < 0.5 * max(before)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.2, 0.2))
 def test_newest_pose_follows_the_graph_and_the_first_stays(x: float, y: float, yaw: float) -> None:
     truth = rectangle()[::4]

@@ -93,7 +93,7 @@ def test_mirrored_normals_lose_to_consistent_ones() -> None:
 seeds = st.integers(0, 2**31)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seeds, seeds)
 def test_order_of_sightings_does_not_matter(seed: int, shuffle: int) -> None:
     rng = np.random.default_rng(seed)
@@ -103,7 +103,7 @@ def test_order_of_sightings_does_not_matter(seed: int, shuffle: int) -> None:
     assert fuse(looks) == fuse(shuffled)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seeds, st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3))
 def test_fused_pose_moves_with_the_map(seed: int, x: float, y: float, yaw: float) -> None:
     """A rigid motion of all sightings moves the result by the same motion."""

@@ -31,7 +31,7 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> float:
     return math.degrees(math.acos(np.clip(a @ b, -1.0, 1.0)))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(
     # Some are exactly symmetric, where closed forms and rotation vectors fail.
     azimuth=st.floats(-1.05, 1.05) | st.just(0.0),

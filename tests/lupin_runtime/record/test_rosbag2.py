@@ -178,7 +178,7 @@ def test_other_formats_are_named(tmp_path: Path, start: bytes, words: str) -> No
         Recording(tmp_path / "a")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(share=st.floats(0.0, 1.0), flipped=st.integers(0, 255))
 @pytest.mark.parametrize("compress", [zstandard.compress, lz4.frame.compress], ids=["zstd", "lz4"])
 def test_damaged_packed_file_yields_a_prefix(

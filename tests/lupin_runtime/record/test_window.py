@@ -127,7 +127,7 @@ def test_damaged_chunk_is_skipped(path: Path) -> None:
     assert read(path, from_s=3.0, to_s=12.0, topics=("/fast",)) == [f"/fast@{n}" for n in (2, 3, 4, 10, 11, 12)]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_truncated_file_has_the_messages_of_its_whole_chunks(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -102,7 +102,7 @@ def test_unfinished_file_keeps_every_flushed_message(tmp_path: Path) -> None:
     writer.abandon()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(cut=st.integers(min_value=len(MAGIC), max_value=4000))
 def test_truncated_file_yields_a_prefix_and_reports_damage(tmp_path_factory: pytest.TempPathFactory, cut: int) -> None:
     folder = tmp_path_factory.mktemp("cut")
@@ -131,7 +131,7 @@ def test_damaged_chunk_loses_only_that_chunk(tmp_path: Path) -> None:
     assert "skipped" in recording.damage[0]
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(at=st.integers(min_value=8, max_value=3000), garbage=st.binary(min_size=1, max_size=40))
 @example(at=130, garbage=b"\xf1")  # the header of the first chunk's frame claims more than the memory
 def test_reading_garbage_never_raises(tmp_path_factory: pytest.TempPathFactory, at: int, garbage: bytes) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.report.health import SENSORS, deviation, health
@@ -60,7 +60,6 @@ def test_reading_with_a_note_is_not_marked_healthy(value: float, note: str, stat
     assert (row.note, row.health) == (note, state)
 
 
-@settings(deadline=None)
 @given(st.sampled_from(sorted(SENSORS)), st.floats(allow_nan=False, allow_infinity=False))
 def test_deviation_is_bounded_and_zero_inside_the_range(sensor: str, value: float) -> None:
     ideal = SENSORS[sensor]
@@ -75,7 +74,6 @@ def test_heat_color_darkens_with_the_value() -> None:
     assert heat_rgb("temperature", 0.0) == (240, 204, 168)  # hsl(30 70% 80%)
 
 
-@settings(deadline=None)
 @given(st.floats(-2.0, 3.0))
 def test_ramp_returns_a_color_for_every_fraction(fraction: float) -> None:
     for stops in (TIME_RAMP, SPEED_RAMP):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.geometry import Pose2
@@ -94,7 +94,6 @@ def test_at_returns_nearest_pose_within_half_a_second() -> None:
     assert path.at(2.6) is None
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.1, 3.1)), min_size=1, max_size=20))
 def test_tum_file_round_trips_poses(tmp_path_factory: pytest.TempPathFactory, poses: list[tuple[float, float, float]]) -> None:
     builder = TrajectoryBuilder()

@@ -77,7 +77,7 @@ GROUPS = st.lists(CONSOLE, min_size=1, max_size=3)
 GROUPS_OF_SEVERAL = st.lists(CONSOLE, min_size=2, max_size=3)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(GROUPS, st.integers(0, 3000), st.integers(600, 6000))
 def test_one_console_engages_while_it_holds(consoles: list[Any], before_ms: int, held_ms: int) -> None:
     group = ConsoleGroup(consoles)
@@ -89,7 +89,7 @@ def test_one_console_engages_while_it_holds(consoles: list[Any], before_ms: int,
     assert group.states_since(start_ms + 1) <= {True} and group.reason() == CONSOLE_HOLDS_STOP
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(GROUPS, st.integers(2500, 5000))
 def test_release_takes_effect_within_a_bound_per_console(consoles: list[Any], held_ms: int) -> None:
     group = ConsoleGroup(consoles)
@@ -101,7 +101,7 @@ def test_release_takes_effect_within_a_bound_per_console(consoles: list[Any], he
     assert group.reason() is None
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(GROUPS_OF_SEVERAL, st.integers(2500, 5000))
 def test_lost_holder_stays_engaged_until_press_and_release(consoles: list[Any], held_ms: int) -> None:
     group = ConsoleGroup(consoles)
@@ -120,7 +120,7 @@ def test_lost_holder_stays_engaged_until_press_and_release(consoles: list[Any], 
     assert group.reason() is None
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(GROUPS_OF_SEVERAL, st.integers(0, 499))
 def test_new_console_that_holds_is_not_outvoted(consoles: list[Any], wait_ms: int) -> None:
     newcomer = consoles[0]
@@ -135,7 +135,7 @@ def test_new_console_that_holds_is_not_outvoted(consoles: list[Any], wait_ms: in
     assert group.states_since(start_ms + 1) == {True}
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(GROUPS, st.integers(0, 2000))
 def test_silence_of_all_consoles_engages_until_a_release(consoles: list[Any], before_ms: int) -> None:
     group = ConsoleGroup(consoles)
@@ -157,7 +157,7 @@ def test_silence_of_all_consoles_engages_until_a_release(consoles: list[Any], be
     assert group.reason() is None
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(GROUPS_OF_SEVERAL)
 def test_one_of_several_released_consoles_may_leave(consoles: list[Any]) -> None:
     group = ConsoleGroup(consoles)

@@ -33,7 +33,7 @@ def grid(cells: list[list[int]] | np.ndarray, resolution: float = 0.05, x: float
 # -- maps ----------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(cells=hnp.arrays(np.int8, st.tuples(st.integers(1, 20), st.integers(1, 20)), elements=TRINARY))
 def test_trinary_map_round_trips_cell_by_cell(cells: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("map") / "m.yaml"
@@ -43,7 +43,7 @@ def test_trinary_map_round_trips_cell_by_cell(cells: np.ndarray, tmp_path_factor
     assert (back.resolution_m, back.origin_x, back.origin_y) == (0.05, -1.25, 0.5)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(cells=hnp.arrays(np.int8, (7, 5), elements=st.integers(-1, 100)))
 def test_raw_mode_keeps_every_grade(cells: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("map") / "m.yaml"

@@ -86,7 +86,7 @@ SHARES = st.one_of(st.integers(0, 255).map(lambda v: v / 255), st.sampled_from([
 KINDS = {0: 1, 2: 3, 4: 2, 6: 4}
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(data=st.data(), kind=st.sampled_from(sorted(KINDS)), mode=st.sampled_from(["trinary", "scale", "raw"]))
 def test_cells_are_those_of_nav2_or_safer(
     data: st.DataObject, kind: int, mode: str, tmp_path_factory: pytest.TempPathFactory
@@ -258,7 +258,7 @@ def test_free_205_is_read_as_nav2_does_and_named(tmp_path: Path) -> None:
     assert "gray 205" in result.stderr
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(yaw=st.floats(-math.pi, math.pi), row=st.integers(0, 8), column=st.integers(0, 11))
 def test_turned_map_keeps_every_obstacle(yaw: float, row: int, column: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     cells = np.zeros((9, 12), np.int8)

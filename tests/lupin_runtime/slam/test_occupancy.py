@@ -46,7 +46,7 @@ def test_walls_are_occupied_room_free_and_beyond_unknown() -> None:
     assert abs(present(grid).origin_x / 0.05 - round(present(grid).origin_x / 0.05)) < 1e-9
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(order=st.permutations(range(len(POSES))))
 def test_order_of_scans_does_not_matter(order: list[int]) -> None:
     a, b = drawn(POSES).grid(), drawn(POSES, order).grid()
@@ -54,7 +54,7 @@ def test_order_of_scans_does_not_matter(order: list[int]) -> None:
     assert (present(a).origin_x, present(a).origin_y) == (present(b).origin_x, present(b).origin_y)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(shifts=st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3)), min_size=5, max_size=5))
 def test_moved_scans_leave_no_trace(shifts: list[tuple[float, float, float]]) -> None:
     there = [tuple(np.add(pose, shift)) for pose, shift in zip(POSES, shifts)]

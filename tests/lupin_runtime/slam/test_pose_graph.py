@@ -72,7 +72,7 @@ def general_optimum(start: np.ndarray, edges: Edges) -> float:
     return float(2.0 * least_squares(cost, start[1:].ravel(), xtol=1e-12, ftol=1e-12, gtol=1e-12).cost)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), scale=st.floats(0.1, 100.0))
 def test_exact_measurements_give_the_truth_from_any_guess(seed: int, scale: float) -> None:
     truth, edges = random_graph(seed, 30, 12)
@@ -197,7 +197,7 @@ def test_each_part_of_a_split_graph_keeps_its_own_frame() -> None:
     assert solution.converged and np.isfinite(solution.poses).all()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), flips=st.integers(0, 2**32 - 1))
 def test_spanning_tree_of_exact_edges_is_the_truth(seed: int, flips: int) -> None:
     truth, edges = random_graph(seed, 30, 12)
@@ -276,7 +276,7 @@ def test_graph_with_all_vertices_fixed_stays_unchanged() -> None:
     assert solution.chi2_after == pytest.approx(solution.chi2_before)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), k=st.sampled_from([2, 3]), damping=st.sampled_from([0.0, 0.5]))
 def test_block_solver_equals_a_dense_one(seed: int, k: int, damping: float) -> None:
     rng = np.random.default_rng(seed)

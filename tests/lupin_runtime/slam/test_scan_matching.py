@@ -40,7 +40,7 @@ def local_of(world: World, poses: list[Any], rng: np.random.Generator) -> LocalM
 AROUND = [(3.5 + dx, 2.2 + dy, yaw) for dx, dy, yaw in ((0, 0, 0), (0.3, 0, 0.4), (-0.3, 0.05, -0.3), (0.05, 0.2, 1.5))]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     dx=st.floats(-0.3, 0.3),
     dy=st.floats(-0.3, 0.3),

@@ -174,7 +174,7 @@ def mutate(valid: bytes, at: float, cut: int, insert: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("name", KINDS)
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mutation=MUTATION)
 def test_mutated_file_is_accepted_or_refused_by_name(
     name: str, tmp_path: Path, home: Path, mutation: tuple[float, int, bytes]
@@ -191,7 +191,7 @@ def test_mutated_file_is_accepted_or_refused_by_name(
     assert not home.exists()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mutation=MUTATION)
 def test_mutated_arm_library_is_kept_byte_for_byte(tmp_path: Path, mutation: tuple[float, int, bytes]) -> None:
     content = mutate(json.dumps(LIBRARY).encode(), *mutation)

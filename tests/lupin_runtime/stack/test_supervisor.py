@@ -72,12 +72,8 @@ def supervise(run: Run, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..
         one.stop()
 
 
-def until(supervisor: Supervisor, condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        supervisor.step()
-        assert time.monotonic() < deadline, supervisor.snapshot()
-        time.sleep(0.02)
+def until(supervisor: Supervisor, condition: Callable[[], bool]) -> None:
+    wait_until(condition, lambda: str(supervisor.snapshot()), interval_s=0.02, each=supervisor.step)
 
 
 def test_stage_waits_for_its_needs_and_names_them(supervise: Any) -> None:

@@ -56,7 +56,7 @@ def reference_field(field_request: FieldRequest, samples: Samples, options: IdwO
     return values, decided
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @example([(0.0, 0.0, 0.0), (0.0, 2.220446049250313e-16, 1.0)], 1.0, 2.0, 1.0)
 @given(samples_lists, st.floats(0.3, 2.0), st.floats(0.3, 3.0), st.sampled_from([1.0, 2.0, 3.0]))
 def test_field_matches_reference_implementation(samples: Samples, falloff: float, max_distance: float, power: float) -> None:
@@ -68,7 +68,7 @@ def test_field_matches_reference_implementation(samples: Samples, falloff: float
     assert np.allclose(field.values[decided], expected[decided], rtol=1e-4, atol=1e-2, equal_nan=True)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(samples_lists)
 def test_field_stays_within_range_of_samples(samples: Samples) -> None:
     field = interpolate(request(), samples, OPTIONS)
@@ -81,7 +81,7 @@ def test_field_stays_within_range_of_samples(samples: Samples) -> None:
         assert (field.minimum, field.maximum) == (0.0, 0.0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(samples_lists, st.randoms())
 def test_field_does_not_depend_on_order_of_samples(samples: Samples, chance: Any) -> None:
     shuffled = list(samples)

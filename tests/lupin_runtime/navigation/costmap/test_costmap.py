@@ -71,7 +71,6 @@ def test_inflation_never_rises_with_distance(distances: list[float]) -> None:
     assert costs == sorted(costs, reverse=True)
 
 
-@settings(deadline=None)
 @given(arrays(np.uint8, st.tuples(st.integers(1, 30), st.integers(1, 30)), elements=st.integers(0, 9)), st.integers(1, 12))
 def test_distance_transform_is_exact_up_to_its_reach(cells: np.ndarray, reach: int) -> None:
     occupied = (cells == 9).astype(np.uint8)
@@ -85,7 +84,7 @@ def test_distance_transform_is_exact_up_to_its_reach(cells: np.ndarray, reach: i
     assert (squares[~near] > reach * reach).all()
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(arrays(np.uint8, st.tuples(st.integers(1, 14), st.integers(1, 14)), elements=st.integers(0, 9)))
 def test_edge_distances_equal_those_to_cell_squares(cells: np.ndarray) -> None:
     occupied = (cells == 9).astype(np.uint8)
@@ -122,7 +121,7 @@ def test_reading_beyond_the_lidar_range_is_ignored() -> None:
     assert not (local(scan(2.0, range_max_m=1.5)).cost == LETHAL).any()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     arrays(np.float32, st.integers(0, 50), elements=st.floats(width=32)),
     st.floats(allow_nan=True),

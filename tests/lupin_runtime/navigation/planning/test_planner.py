@@ -38,7 +38,7 @@ def clearances(costmap: Costmap, points: np.ndarray) -> np.ndarray:
     return np.array([costmap.distance_at(x, y) for x, y in points])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(0, 30))
 def test_path_keeps_the_radius_from_every_wall(seed: int, boxes: int) -> None:
     random = np.random.default_rng(seed)

@@ -130,7 +130,7 @@ def _geodesics(cells: np.ndarray, start: tuple[int, int]) -> np.ndarray:
     return result
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     arrays(np.int8, st.tuples(st.integers(2, 40), st.integers(2, 40)), elements=st.sampled_from([0, 0, 0, 0, 100])),
     st.data(),
