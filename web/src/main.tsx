@@ -1,6 +1,8 @@
 import { StrictMode } from "react";
 import { createRoot } from "react-dom/client";
+import { answerRequestsBy } from "@/api/http";
 import { App } from "@/app";
+import { IS_MOCK } from "@/environment";
 import { setLanguage, useLanguage } from "@/i18n/text";
 import { followPage } from "@/rewind/rewind";
 import { startRobot } from "@/robot";
@@ -8,7 +10,10 @@ import "@/styles/index.css";
 import { loadDeferred } from "@/ui/deferred";
 
 setLanguage(useLanguage.getState().language);
-void startRobot();
+// Outside of the mock mode, its chunk is never loaded.
+const mock = IS_MOCK ? await import("@/mock/mock") : null;
+if (mock !== null) answerRequestsBy(mock.answer);
+startRobot(mock);
 followPage();
 
 /** By then the first view is there, and its streams have begun. */

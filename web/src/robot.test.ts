@@ -52,7 +52,7 @@ async function openPage(gateState: Gate, holder: Holder) {
   const robot = await import("@/robot");
   const { useConsole: store } = await import("@/api/console_store");
   const { useTabRole } = await import("@/safety/commanding_tab");
-  void robot.startRobot();
+  robot.startRobot();
   useTabRole.setState({ role: "commanding" });
   const give = (name: string | null) => store.setState({ control: { holder: name, since_s: null, requester: null } });
   store.setState({ session: { name: OWN, role: "operator" }, sessionLoaded: true, online: true });
@@ -183,7 +183,7 @@ describe("a page on another robot's rosbridge", () => {
     });
     vi.resetModules();
     const robot = await import("@/robot");
-    void robot.startRobot();
+    robot.startRobot();
     await vi.advanceTimersByTimeAsync(100);
     sockets.findLast((socket) => String(socket.url).includes("192.0.2.7"))?.onopen?.();
     await vi.advanceTimersByTimeAsync(100);

@@ -79,12 +79,12 @@ interface DriveStore {
 
 export const useDrive = create<DriveStore>(() => ({ commanded: ZERO, blocker: null }));
 
-let openMockSocket: (() => Socket) | null = null;
+let openOtherSocket: (() => Socket) | null = null;
 
 const bridgeUrl = rosbridgeUrl(ROS_QUERY ?? setting("rosUrl"));
 goElsewhere(IS_MOCK || bridgeUrl === rosbridgeUrl(null) ? null : bridgeUrl);
 
-export const link = new Rosbridge(() => openMockSocket?.() ?? (new WebSocket(bridgeUrl) as unknown as Socket));
+export const link = new Rosbridge(() => openOtherSocket?.() ?? (new WebSocket(bridgeUrl) as unknown as Socket));
 export const topics = new TopicStore(link);
 
 /** A row of the graph's tables. */
@@ -267,8 +267,14 @@ async function ping(): Promise<void> {
   }
 }
 
-/** Connect, and keep connected. Called once. */
-export async function startRobot(): Promise<void> {
+/** A server within the page, in place of the console's. */
+export interface PageServer {
+  openSocket: () => Socket;
+  startServer: () => void;
+}
+
+/** Connect, to the console's server or to one within the page, and keep connected. Called once. */
+export function startRobot(server: PageServer | null = null): void {
   link.onState = (state) => {
     useLink.setState((before) => ({
       state,
@@ -317,10 +323,9 @@ export async function startRobot(): Promise<void> {
       screenOn.shownAgain();
     }
   });
-  if (IS_MOCK) {
-    const mock = await import("@/mock/mock");
-    openMockSocket = mock.openSocket;
-    mock.startServer();
+  if (server !== null) {
+    openOtherSocket = server.openSocket;
+    server.startServer();
     link.connect();
     return;
   }

@@ -1,7 +1,7 @@
 /** The channel on which the console's server pushes every change, and the heartbeat that keeps control. */
 import { elsewhere } from "@/safety/elsewhere";
 import { every } from "@/safety/timers";
-import { localStorageOrNull } from "@/state/settings";
+import { localStorageOrNull } from "@/storage";
 import { forgetStoredLocations, storedLocations } from "@/state/stored_locations";
 import { ask } from "./http";
 import { addEvents, loadHistory } from "./history";

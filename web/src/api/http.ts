@@ -1,5 +1,4 @@
 /** Requests to the console's API. */
-import { IS_MOCK } from "@/environment";
 import { type Phrase, WordedError } from "@/i18n/text_error";
 import { refuseRequest } from "@/rewind/guard";
 
@@ -25,12 +24,16 @@ export function refused(status: number, words: string | null): ApiError {
 
 const TIMEOUT_MS = 15_000;
 
-/** The mock mode's server, which answers in place of the network; null outside of it, where its chunk is never loaded. */
-const mock = IS_MOCK ? import("@/mock/mock") : null;
+let answerRequest = (path: string, options?: RequestInit): Promise<Response> => fetch(path, options);
 
-/** `fetch` for paths of this origin. All requests go through it, so that the mock mode can answer them. */
-export async function request(path: string, options?: RequestInit): Promise<Response> {
-  return mock === null ? fetch(path, options) : (await mock).answer(path, options);
+/** Have something else than the network answer all requests, as the mock mode does. */
+export function answerRequestsBy(answer: (path: string, options?: RequestInit) => Promise<Response>): void {
+  answerRequest = answer;
+}
+
+/** `fetch` for paths of this origin. All requests go through it. */
+export function request(path: string, options?: RequestInit): Promise<Response> {
+  return answerRequest(path, options);
 }
 
 /** GET a resource, or POST `body` to it, and return the JSON of the answer. Throws ApiError with the server's reason, and CommandRefused. */

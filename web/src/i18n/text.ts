@@ -1,7 +1,7 @@
 /** The page's texts: one catalog, in English and Dutch. */
 import { useCallback } from "react";
 import { create } from "zustand";
-import { localStorageOrNull } from "@/state/settings";
+import { localStorageOrNull } from "@/storage";
 import { withDecimalMark, writeNumbersIn } from "@/ui/numbers";
 import { arm } from "./catalog/arm";
 import { boot } from "./catalog/boot";

@@ -4,6 +4,9 @@ import type { lupin_msgs_MissionState } from "@/generated/messages";
 import type { TextKey } from "@/i18n/text";
 import { ACTIVE_STATES } from "@/state/sentence";
 
+/** A discovery goal of this stands for all tags that can be found. */
+export const ALL_TAGS = 65535;
+
 export type MissionAction = "start" | "pause" | "resume" | "abort" | "skip" | "dock" | "reset";
 
 export interface MissionFacts {

@@ -1,6 +1,7 @@
 import { ChevronDown, Keyboard, QrCode, ScrollText, Search, Stethoscope } from "lucide-react";
 import { LANGUAGES, setLanguage, useLanguage, useText } from "@/i18n/text";
-import { localStorageOrNull, useSettingsPlace } from "@/state/settings";
+import { useSettingsPlace } from "@/state/settings";
+import { localStorageOrNull } from "@/storage";
 import { Button } from "@/ui/button";
 import { Dialog } from "@/ui/dialog";
 import { Segments } from "@/ui/segments";

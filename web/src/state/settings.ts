@@ -9,6 +9,7 @@ import { ApiError, ask } from "@/api/http";
 import { errorText } from "@/i18n/error_text";
 import { CommandRefused } from "@/rewind/guard";
 import { OLDEST_SETTINGS_VERSION, SETTINGS, SETTINGS_VERSION, type Settings } from "@/generated/settings";
+import { localStorageOrNull } from "@/storage";
 import { LOCATIONS_FIELD, settingsKey, storedLocations } from "./stored_locations";
 
 /** Before version 5, browsers stored these settings although the operator had not chosen them; they are dropped. */
@@ -153,13 +154,5 @@ function write(settings: Stored): boolean {
     return storage !== null;
   } catch {
     return false;
-  }
-}
-
-export function localStorageOrNull(): Storage | null {
-  try {
-    return window.localStorage;
-  } catch {
-    return null;
   }
 }

@@ -6,7 +6,7 @@ import { useTopics } from "@/hooks/use_topic";
 import { type Text, type TextKey, useText } from "@/i18n/text";
 import type { Visit } from "@/map/events";
 import { useMissionLog } from "@/map/mission_log";
-import { ENDS, MISSION_SERVICES, type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
+import { ALL_TAGS, ENDS, MISSION_SERVICES, type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
 import { transitStops } from "@/map/transit";
 import { type Mission, isRunning, useIsMissionStale, useMissionFacts, useMissionState } from "@/map/use_mission";
 import { call } from "@/robot";
@@ -20,9 +20,6 @@ import { fixed, span } from "@/ui/numbers";
 import { StartForm } from "./start_form";
 import { TransitLine } from "./transit_line";
 import { useTwin } from "./use_tags";
-
-/** A discovery goal of this stands for all tags that can be found. */
-export const ALL_TAGS = 65535;
 
 /** The mission with its controls, and the line of its tags. */
 export function MissionPanel({ className }: { className?: string }) {

@@ -4,13 +4,12 @@ import { SERVICES } from "@/generated/graph";
 import { useNavigates } from "@/hooks/use_situation";
 import { type TextKey, useText } from "@/i18n/text";
 import { useMissionLog } from "@/map/mission_log";
-import { readTagIds } from "@/map/mission_rules";
+import { ALL_TAGS, readTagIds } from "@/map/mission_rules";
 import { call } from "@/robot";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { HoldButton } from "@/ui/hold_button";
 import { Segments } from "@/ui/segments";
-import { ALL_TAGS } from "./mission_panel";
 
 type MissionType = "ExplorationMission" | "InspectionMission";
 

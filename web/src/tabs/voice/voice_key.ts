@@ -1,7 +1,7 @@
 /** The key of the voice service. It stays in this browser: it is part of no setting and of no request to the console's server. */
 import { create } from "zustand";
 import { OLDEST_SETTINGS_VERSION, SETTINGS_VERSION } from "@/generated/settings";
-import { localStorageOrNull } from "@/state/settings";
+import { localStorageOrNull } from "@/storage";
 
 const NAME = "lupin-voice-key";
 /** Earlier versions kept the key among the settings, which were not shared then. */
