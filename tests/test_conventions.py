@@ -10,6 +10,7 @@ from tests.support.paths import ROOT
 
 PACKAGES = ("lupin_cli", "lupin_runtime", "lupin_sim")
 MAX_LENGTH = 60
+CLOCKS = ("monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "process_time")
 
 
 def test_names_of_tests_are_at_most_60_characters() -> None:
@@ -100,3 +101,35 @@ def test_help_of_every_command_has_an_example_that_can_be_typed() -> None:
         if mistake:
             wrong[words] = (examples, mistake)
     assert wrong == {}
+
+
+def elapsed_assertions(source: str) -> list[int]:
+    """Return the lines of the assertions that a duration is short; `bench/` measures that instead."""
+    return [
+        compared.lineno
+        for asserted in ast.walk(ast.parse(source))
+        if isinstance(asserted, ast.Assert)
+        for compared in ast.walk(asserted.test)
+        if isinstance(compared, ast.Compare) and isinstance(compared.ops[0], (ast.Lt, ast.LtE)) and is_elapsed(compared.left)
+    ]
+
+
+def is_elapsed(node: ast.expr) -> bool:
+    if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub) and isinstance(node.left, ast.Call)):
+        return False
+    function = node.left.func
+    return isinstance(function, ast.Attribute) and function.attr in CLOCKS
+
+
+def test_no_test_asserts_how_long_something_took() -> None:
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    found = [
+        f"{path.relative_to(ROOT)}:{line}" for path in files for line in elapsed_assertions(path.read_text(encoding="utf-8"))
+    ]
+    assert found == [], "bench/ measures durations"
+
+
+def test_rule_finds_what_it_forbids() -> None:
+    forbidden = "def test():\n    began = time.monotonic()\n    assert done and time.monotonic() - began < 2.0\n"
+    assert elapsed_assertions(forbidden) == [3]
+    assert elapsed_assertions("assert time.monotonic() < deadline\nassert 0 < rate_hz < 3\n") == []

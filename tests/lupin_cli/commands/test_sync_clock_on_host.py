@@ -91,10 +91,9 @@ def test_boot_script_never_steps_clock_of_running_stack(running: Operator) -> No
     robot.inject_fault("clock-wrong", offset_s=-600.0)
     steps_before = running.clock_steps
     robot.run_as_root("sh", "-c", "cat > /tmp/clock-sync; chmod 755 /tmp/clock-sync", stdin=clock_sync_script())
-    began = time.monotonic()
     done = robot.run_as_root("/tmp/clock-sync", "10.42.0.2")
     assert done.status == 0 and "mirte-ros is active; the clock is left as it is" in done.stdout
-    assert running.clock_steps == steps_before and time.monotonic() - began < 20.0
+    assert running.clock_steps == steps_before
 
 
 def test_installed_boot_sync_steps_clock_before_stack_starts(running: Operator) -> None:

@@ -140,22 +140,17 @@ def test_batch_reads_the_clock_and_its_failure_clears_it(own_sshd: tuple[Popen[s
 
 
 def test_script_is_terminated_at_timeout_and_others_finish(target: Target) -> None:
-    start = time.monotonic()
-    outputs = target.batch([Script("hangs", "echo begun; sleep 100", 1.0), Script("fine", "echo fine")], timeout_s=30)
-    assert time.monotonic() - start < 25
+    outputs = target.batch([Script("hangs", "echo begun; sleep 1000", 1.0), Script("fine", "echo fine")], timeout_s=30)
     assert outputs["hangs"].status is None and outputs["hangs"].stdout == "begun\n"
     assert outputs["fine"].stdout == "fine\n"
 
 
 def test_batch_timeout_kills_script_that_ignores_sigterm(target: Target) -> None:
-    start = time.monotonic()
     outputs = target.batch([Script("stubborn", "trap '' TERM HUP; echo begun; while :; do sleep 1; done", 60.0)], timeout_s=2)
-    assert time.monotonic() - start < 25
     assert outputs["stubborn"].status is None and outputs["stubborn"].truncated
 
 
 def test_background_process_that_holds_pipe_delays_no_batch(target: Target) -> None:
-    start = time.monotonic()
     outputs = target.batch(
         [
             Script("child", "sleep 60 & echo left a child"),
@@ -164,7 +159,6 @@ def test_background_process_that_holds_pipe_delays_no_batch(target: Target) -> N
         ],
         timeout_s=50,
     )
-    assert time.monotonic() - start < 15
     assert outputs["child"].stdout == "left a child\n" and outputs["child"].ok
     assert outputs["stray"].status == 0 and "background process" in outputs["stray"].stderr
     assert outputs["fine"].stdout == "fine\n"
@@ -249,16 +243,12 @@ def test_long_line_is_split_wherever_its_end_arrives() -> None:
 
 
 def test_run_is_terminated_at_its_timeout(target: Target) -> None:
-    start = time.monotonic()
-    output = target.run("echo begun; sleep 100", timeout_s=4.0)
-    assert time.monotonic() - start < 30
+    output = target.run("echo begun; sleep 1000", timeout_s=4.0)
     assert output.status is None and output.stdout == "begun\n"
 
 
 def test_run_does_not_wait_for_daemon_that_holds_pipe(target: Target) -> None:
-    start = time.monotonic()
     output = target.run("setsid sleep 30 & echo started", timeout_s=25)
-    assert time.monotonic() - start < 20
     assert output.ok and output.stdout == "started\n"
 
 
@@ -351,9 +341,7 @@ def test_local_batch_gives_up_on_script_that_cannot_be_killed(monkeypatch: pytes
     monkeypatch.setattr("lupin_cli.connection.local_batch.KILL_AFTER_S", 0.2)
     monkeypatch.setattr(os, "killpg", lambda *_: None)  # like a process that waits for a disk in the kernel
     before = psutil.Process().children()
-    start = time.monotonic()
-    outputs = LocalTarget().batch([Script("dead", "echo begun; exec sleep 60", 0.2), Script("fine", "echo fine")])
-    assert time.monotonic() - start < 20
+    outputs = LocalTarget().batch([Script("dead", "echo begun; exec sleep 600", 0.2), Script("fine", "echo fine")])
     assert outputs["dead"].status is None and outputs["dead"].stdout == "begun\n" and outputs["fine"].stdout == "fine\n"
     (left,) = set(psutil.Process().children()) - set(before)
     killed(left.pid, signal.SIGKILL)

@@ -151,7 +151,7 @@ def test_path_of_a_robot_that_does_not_answer_is_measured(
     ("visit_s", "burst", "measured"),
     [(2.1, None, 0), (5.4, None, 1), (2.1, 40, 0), (2.1, 36, 0), (2.1, 20, 1), (2.1, 0, 0)],
 )
-def test_path_is_measured_if_everything_arrived_late_or_bursts_do_not_pass(
+def test_path_is_measured_after_a_late_visit_or_a_lost_burst(
     machine: type[ScriptedMachine],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

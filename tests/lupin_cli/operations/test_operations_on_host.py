@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -184,11 +183,9 @@ def test_wait_for_ends_when_units_and_listeners_are_up(fresh_robot: SshTarget) -
     fresh_robot.run("systemctl stop mirte-jupyter", root=True)
     for operation in (WaitFor(unit="mirte-jupyter.service"), WaitFor(listener="tcp:8888")):
         assert examine(operation, fresh_robot) is not None
-    start = time.monotonic()
     fresh_robot.run("systemd-run --on-active=1 systemctl start mirte-jupyter", root=True)
     wait_until_settled(WaitFor(unit="mirte-jupyter.service"), fresh_robot)
     wait_until_settled(WaitFor(listener="tcp:8888"), fresh_robot)
-    assert time.monotonic() - start < 30
 
 
 def test_robot_without_networkmanager_is_an_error(robot: SshTarget) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
@@ -91,9 +90,8 @@ def test_stack_started_during_the_wait_prevents_the_step(robot: Robot) -> None:
 
 def test_laptop_that_answers_without_serving_time_is_reported(robot: Robot) -> None:
     robot.install("chronyc", PROGRAMS["chronyc"].replace(",17,", ",0,"))
-    start = time.monotonic()
     status, output = robot.run("10.42.0.2")
-    assert status == 0 and output.startswith("10.42.0.2 answers, but its chrony doesn't") and time.monotonic() - start < 30
+    assert status == 0 and output.startswith("10.42.0.2 answers, but its chrony doesn't")
     assert not any("makestep" in line for line in robot.chrony_commands)
 
 

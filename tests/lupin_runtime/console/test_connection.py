@@ -119,10 +119,8 @@ def test_client_that_answers_no_ping_is_disconnected(monkeypatch: pytest.MonkeyP
     async def scenario() -> None:
         async with serving(lambda _: None) as server:
             client = await asyncio.to_thread(open_raw_websocket, server.port)
-            began_s = time.monotonic()
             reading = asyncio.create_task(asyncio.to_thread(_read_all, client)) if reads else None
             await asyncio.wait_for(server.ended.wait(), TIMEOUT_S)
-            assert time.monotonic() - began_s < 3.0
             if reading is not None:
                 await reading
             client.close()

@@ -6,7 +6,6 @@ import http.client
 import json
 import os
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -165,8 +164,7 @@ def test_stop_does_not_wait_for_a_slow_disk(
     with ThreadPoolExecutor() as pool:
         asked = pool.submit(browser.request, "GET", f"/_api/runs{path.replace('RUN', run.id)}")
         graph_host.until(reading.is_set)
-        began_s = time.monotonic()
         assert Browser(browser.port).post("/_api/stop", engaged=True)["stop"]
-        assert time.monotonic() - began_s < 2.0
+        assert not asked.done()
         released.set()
         assert asked.result(20.0)[0] == 200

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -67,9 +66,7 @@ def test_attached_nodes_follow_clock_and_a_jump_back() -> None:
         assert jumps[-1] < -6_000_000_000
     finally:
         handle.unregister()
-        began = time.monotonic()
         follower.stop()
-        assert time.monotonic() - began < 2.0
         for node in (source, first, second):
             node.destroy_node()
     assert not any(thread.name == "clock" for thread in threading.enumerate())

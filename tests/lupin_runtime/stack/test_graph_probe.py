@@ -114,9 +114,7 @@ def test_robot_hung_after_discovery_gives_names_but_no_samples(
     monkeypatch.setattr(graph_session.GraphSession, "subscribe", stop_and_subscribe)
     monkeypatch.setattr(graph_session.GraphSession, "call", call_the_stopped)
     monkeypatch.setattr(graph_session, "SILENCE_TIMEOUT_S", 4.0)
-    started = time.monotonic()
     seen = read(json.dumps(graph_session.probe_graph()))
-    assert time.monotonic() - started < graph_probe.PROBE_TIMEOUT_S
     assert len(seen.nodes) >= 1 and len(seen.samples) >= 5
     assert ids(seen) == ["names-no-samples"]
 
