@@ -3,7 +3,7 @@ import { create } from "zustand";
 import { type ConsoleState, hasControl, useConsole } from "@/api/console_store";
 import { dropChannel, followServer } from "@/api/events";
 import { pair, takeScannedCode } from "@/api/pairing";
-import { ask } from "@/api/http";
+import { postJson } from "@/api/http";
 import { IS_MOCK, ROS_QUERY, rosbridgeUrl, socketUrl } from "@/environment";
 import { SERVICES, TOPICS } from "@/generated/graph";
 import type { MessageTypes, ServiceTypes } from "@/generated/messages";
@@ -161,7 +161,7 @@ let toldConsole: { engaged: boolean; press: string } | null = null;
 function stateToConsole(engaged: boolean, press: string): void {
   if (toldConsole?.engaged === engaged && toldConsole.press === press) return;
   toldConsole = { engaged, press };
-  ask("/_api/stop", engaged ? { engaged, press } : { engaged, presses: [press] }).catch(() => {
+  postJson("/_api/stop", engaged ? { engaged, press } : { engaged, presses: [press] }).catch(() => {
     toldConsole = null; // it is repeated with the next statement
   });
 }
@@ -213,7 +213,7 @@ export function stop(reason: StopReason = "user"): void {
 /** A second way for the same word: it needs no open socket. */
 function stopWithoutLink(): void {
   if (link.isOpen) return;
-  ask("/_api/stop", { engaged: true, press: gate.press })
+  postJson("/_api/stop", { engaged: true, press: gate.press })
     .then(() => useGate.setState(({ isStated }) => ({ wasSent: isStated })))
     .catch(() => {});
 }
@@ -226,7 +226,7 @@ export async function release(): Promise<void> {
   const { stop: stops, stopShownMs, session } = useConsole.getState();
   const shownBeforeMs = performance.now() - SEEN_MS;
   const seen = stops.filter(({ press, name }) => press !== null && (name === session?.name || (stopShownMs[press] ?? Infinity) <= shownBeforeMs));
-  await releaseStop({ gate, ask, restate: stopWithoutLink, seen });
+  await releaseStop({ gate, postJson, restate: stopWithoutLink, seen });
   // After a stop, the drive bus passes a stick on once it has heard of it at rest, or nothing for 2 s. Where nothing was stopped,
   // a zero would hold what drives.
   if (stops.length > 0) sendVelocity(ZERO);

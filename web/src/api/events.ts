@@ -3,7 +3,7 @@ import { elsewhere } from "@/safety/elsewhere";
 import { every } from "@/safety/timers";
 import { localStorageOrNull } from "@/storage";
 import { forgetStoredLocations, storedLocations } from "@/state/stored_locations";
-import { ask } from "./http";
+import { getJson, postJson } from "./http";
 import { addEvents, loadHistory } from "./history";
 import { type ConsoleEvent, type ConsoleState, type Control, type Session, setOnline, showStops, useConsole } from "./console_store";
 
@@ -15,7 +15,7 @@ const FIELDS = ["control", "browsers", "run", "doctor", "locations", "approaches
 /** Ask who this browser is and listen to changes, for as long as the page is open. */
 export async function followServer(socketUrl: string): Promise<void> {
   try {
-    const answer = await ask<{ session: Session | null; control: Control; stop: ConsoleState["stop"]; page?: string }>("/_api/session");
+    const answer = await getJson<{ session: Session | null; control: Control; stop: ConsoleState["stop"]; page?: string }>("/_api/session");
     noteVersion(answer.page ?? "");
     useConsole.setState({ session: ownSession(answer.session), sessionLoaded: true, control: answer.control });
     showStops(answer.stop);
@@ -41,10 +41,10 @@ function noteVersion(version: string): void {
 
 async function loadShared(): Promise<void> {
   const [locations, settings, doctor, approaches] = await Promise.allSettled([
-    ask<ConsoleState["locations"]>("/_api/locations"),
-    ask<{ settings: ConsoleState["settings"] }>("/_api/settings"),
-    ask<ConsoleState["doctor"]>("/_api/doctor"),
-    ask<ConsoleState["approaches"]>("/_api/approaches"),
+    getJson<ConsoleState["locations"]>("/_api/locations"),
+    getJson<{ settings: ConsoleState["settings"] }>("/_api/settings"),
+    getJson<ConsoleState["doctor"]>("/_api/doctor"),
+    getJson<ConsoleState["approaches"]>("/_api/approaches"),
   ]);
   if (locations.status === "fulfilled") useConsole.setState({ locations: locations.value });
   if (settings.status === "fulfilled") useConsole.setState({ settings: settings.value.settings });
@@ -59,7 +59,7 @@ export async function moveLocations(): Promise<void> {
   const locations = storedLocations(storage);
   if (locations === null) return;
   try {
-    useConsole.setState({ locations: await ask<ConsoleState["locations"]>("/_api/locations/import", { locations }) });
+    useConsole.setState({ locations: await postJson<ConsoleState["locations"]>("/_api/locations/import", { locations }) });
     forgetStoredLocations(storage);
   } catch {
     // Another browser has control, or this one may only watch: they are kept here until the page is opened again.

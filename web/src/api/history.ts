@@ -7,7 +7,7 @@
 import { create } from "zustand";
 import type { TextKey } from "@/i18n/text";
 import { showInfo } from "@/state/problems";
-import { ask } from "./http";
+import { getJson } from "./http";
 import { type ConsoleEvent, useConsole } from "./console_store";
 
 const MAX_EVENTS = 200;
@@ -40,7 +40,7 @@ let heardUpTo: number | null = null;
 /** Ask for what happened before, again after every outage: another server may have taken over. */
 export async function loadHistory(): Promise<void> {
   try {
-    const { events, mission } = await ask<{ events: ConsoleEvent[]; mission: PastState[] }>("/_api/history");
+    const { events, mission } = await getJson<{ events: ConsoleEvent[]; mission: PastState[] }>("/_api/history");
     const last = events.at(-1)?.number ?? 0;
     if (heardUpTo === null || last < heardUpTo) heardUpTo = last;
     const later = useHistory.getState().events.filter(({ number }) => number > last);

@@ -36,15 +36,18 @@ export function request(path: string, options?: RequestInit): Promise<Response> 
   return answerRequest(path, options);
 }
 
-/** GET a resource, or POST `body` to it, and return the JSON of the answer. Throws ApiError with the server's reason, and CommandRefused. */
-export async function ask<Answer>(path: string, body?: unknown, timeoutMs = TIMEOUT_MS): Promise<Answer> {
-  const options: RequestInit = { signal: AbortSignal.timeout(timeoutMs) };
-  if (body !== undefined) {
-    refuseRequest(path, body);
-    options.method = "POST";
-    options.headers = { "Content-Type": "application/json" };
-    options.body = JSON.stringify(body);
-  }
+/** The JSON of a resource. Throws ApiError with the server's reason. */
+export function getJson<Answer>(path: string): Promise<Answer> {
+  return requestJson(path, { signal: AbortSignal.timeout(TIMEOUT_MS) });
+}
+
+/** Send `body` to a resource, and return the JSON of the answer. Throws ApiError with the server's reason, and CommandRefused. */
+export async function postJson<Answer>(path: string, body: unknown, timeoutMs = TIMEOUT_MS): Promise<Answer> {
+  refuseRequest(path, body);
+  return requestJson(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body), signal: AbortSignal.timeout(timeoutMs) });
+}
+
+async function requestJson<Answer>(path: string, options: RequestInit): Promise<Answer> {
   let response: Response;
   try {
     response = await request(path, options);

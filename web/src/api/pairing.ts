@@ -1,11 +1,11 @@
 /** Pairing this browser with the console's server. */
 import { socketUrl } from "@/environment";
 import { followServer } from "./events";
-import { ask } from "./http";
+import { postJson } from "./http";
 
 /** Pair this browser by a code, then follow the server. Throws ApiError with the reason. */
 export async function pair(code: string): Promise<void> {
-  await ask("/_api/pair", { code });
+  await postJson("/_api/pair", { code });
   await followServer(socketUrl("/_api/events"));
 }
 

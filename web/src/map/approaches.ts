@@ -1,13 +1,13 @@
 /** Approaches of tags that operators drew: the run's mission takes them at its next visit of the tag. */
 import { type Approach, useConsole } from "@/api/console_store";
-import { ask } from "@/api/http";
+import { postJson } from "@/api/http";
 import type { Pose2 } from "@/ros/tf";
 import { dropDraft } from "./map_ui";
 import { compareIds } from "./twin";
 
 /** Store the approach of a tag, or remove it. Throws ApiError with the server's reason. */
 export async function changeApproach(tag: string, pose: Pose2 | null): Promise<void> {
-  const approaches = await ask<Record<string, Approach>>("/_api/approaches", { tag, pose });
+  const approaches = await postJson<Record<string, Approach>>("/_api/approaches", { tag, pose });
   useConsole.setState({ approaches });
   if (pose !== null) dropDraft();
 }

@@ -1,5 +1,5 @@
 /** What the operator's drawn poses do on the robot. */
-import { ask } from "@/api/http";
+import { postJson } from "@/api/http";
 import { ACTIONS, TOPICS } from "@/generated/graph";
 import type { nav2_msgs_ComputePathToPose_Result } from "@/generated/messages";
 import { TextError } from "@/i18n/text_error";
@@ -28,13 +28,13 @@ export async function sendInitialPose(pose: Pose2): Promise<void> {
 
 /** Tell SLAM where the robot is on the present map. Throws ApiError with the server's reason. */
 export async function relocate({ x, y, yaw }: Pose2): Promise<void> {
-  await ask("/_api/maps/relocate", { pose: { x, y, yaw } });
+  await postJson("/_api/maps/relocate", { pose: { x, y, yaw } });
   dropDraft();
 }
 
 /** A publication is refused without an answer; this says why before it is sent. */
 async function takeControl(): Promise<void> {
-  await ask("/_api/lease", { action: "take" });
+  await postJson("/_api/lease", { action: "take" });
 }
 
 export function cancelNavigation(): void {

@@ -1,6 +1,6 @@
 /** Rewinding the page: from live to a moment of the run's recording, along it, and back. */
 import { useConsole } from "@/api/console_store";
-import { ask } from "@/api/http";
+import { getJson } from "@/api/http";
 import { TOPICS } from "@/generated/graph";
 import { errorText } from "@/i18n/error_text";
 import { textIn, useLanguage } from "@/i18n/text";
@@ -73,7 +73,7 @@ export async function rewind(): Promise<void> {
 export async function currentRun(): Promise<string> {
   const { id } = useConsole.getState().run;
   if (id !== undefined && id !== "") return id;
-  const up = (await ask<{ id: string; state: string }[]>("/_api/runs")).find(({ state }) => state === "up");
+  const up = (await getJson<{ id: string; state: string }[]>("/_api/runs")).find(({ state }) => state === "up");
   if (up === undefined) throw new Error(textIn(useLanguage.getState().language, "rewind_no_run"));
   return up.id;
 }

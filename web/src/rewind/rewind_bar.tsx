@@ -8,7 +8,7 @@ import { useRoute } from "@/state/route";
 import { Button } from "@/ui/button";
 import { isShortcut } from "@/ui/keyboard";
 import { isDialogOpen } from "@/ui/open_dialogs";
-import { span, writeMoment } from "@/ui/numbers";
+import { formatDuration, writeMoment } from "@/ui/numbers";
 import { Slider } from "@/ui/slider";
 import { goLive, hasPast, rewind, setPlaying, showAt } from "./rewind";
 import { isRewound, useIsRewound, useRewind } from "./state";
@@ -64,7 +64,7 @@ function Bar() {
   const now = useNow();
   if (shownS === null || extent === null) return null;
   const nowS = robotTime(now) ?? extent.endS;
-  const age = span(Math.max(0, nowS - shownS));
+  const age = formatDuration(Math.max(0, nowS - shownS));
   const moment = writeMoment(shownS);
   return (
     <section aria-label={text("rewind_title")} data-testid="rewind-bar" className="flex shrink-0 flex-wrap items-center gap-x-4 gap-y-1 border-b-2 border-attention bg-panel px-4 py-2 max-md:px-3">

@@ -10,7 +10,7 @@ describe("the release", () => {
   let gate: StopGate;
   const restate = vi.fn<() => void>();
   const seen: StopHold[] = [];
-  const release = (ask: (path: string, body: unknown) => Promise<unknown>) => releaseStop({ gate, ask, restate, seen });
+  const release = (postJson: (path: string, body: unknown) => Promise<unknown>) => releaseStop({ gate, postJson, restate, seen });
   const NOTHING = { stop: [] };
 
   beforeEach(() => {
@@ -35,12 +35,12 @@ describe("the release", () => {
   };
 
   it("opens the gate, and states no stop from the first request on", async () => {
-    const ask = (path: string) => {
+    const postJson = (path: string) => {
       asked.push(path);
       if (path === "/_api/stop") vi.advanceTimersByTime(2 * STATE_MS);
       return Promise.resolve(NOTHING);
     };
-    await release(ask);
+    await release(postJson);
     expect(asked).toEqual(["/_api/lease", "/_api/stop"]);
     expect([gate.engaged, stated]).toEqual([false, [false, false, false]]);
   });
@@ -58,12 +58,12 @@ describe("the release", () => {
   });
 
   it("states a newer stop again, even if the answer to the release is lost", async () => {
-    const ask = (path: string) => {
+    const postJson = (path: string) => {
       if (path !== "/_api/stop") return Promise.resolve();
       gate.engage("user");
       return Promise.reject(new Error("the answer was lost"));
     };
-    await expect(release(ask)).rejects.toThrow("lost");
+    await expect(release(postJson)).rejects.toThrow("lost");
     expect(restate).toHaveBeenCalledOnce();
     expect([gate.engaged, gate.isStated]).toEqual([true, true]);
   });
@@ -87,8 +87,8 @@ describe("the release", () => {
   });
 
   it("leaves the gate closed, and says who, where a console still holds the robot", async () => {
-    const ask = () => Promise.resolve({ stop: [hold("press:new", "phone-2"), hold(null, null)] });
-    await expect(release(ask)).rejects.toMatchObject({ phrase: { key: "still_holds", values: { names: "phone-2" } } });
+    const postJson = () => Promise.resolve({ stop: [hold("press:new", "phone-2"), hold(null, null)] });
+    await expect(release(postJson)).rejects.toMatchObject({ phrase: { key: "still_holds", values: { names: "phone-2" } } });
     expect([gate.engaged, gate.isStated]).toEqual([true, false]);
   });
 

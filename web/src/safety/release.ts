@@ -6,7 +6,7 @@ import type { StopGate } from "./stop_gate";
 /** What a release needs of the page. */
 export interface ReleaseParts {
   gate: StopGate;
-  ask: (path: string, body: unknown) => Promise<unknown>;
+  postJson: (path: string, body: unknown) => Promise<unknown>;
   /** State a stop anew that came while the server was releasing. */
   restate: () => void;
   /** The stops that the operator sees: no other is released. */
@@ -20,17 +20,17 @@ export interface ReleaseParts {
  * the gate stays closed, and what was stated before the server's release is stated anew. Rejects with the reason where the server
  * refuses.
  */
-export async function releaseStop({ gate, ask, restate, seen }: ReleaseParts): Promise<void> {
+export async function releaseStop({ gate, postJson, restate, seen }: ReleaseParts): Promise<void> {
   const { closings } = gate;
   const isOverruled = () => gate.closings !== closings;
-  await ask("/_api/lease", { action: "take" });
+  await postJson("/_api/lease", { action: "take" });
   if (isOverruled()) throw new TextError("release_overruled");
   const presses = [gate.press, ...seen.map(({ press }) => press)].filter((press) => press !== null);
   // The gate repeats its stop twice a second: it must not be stated again between the release and the server's answer.
   if (gate.isStated) gate.withdraw();
   let left: readonly StopHold[];
   try {
-    left = ((await ask("/_api/stop", { engaged: false, presses })) as { stop: StopHold[] }).stop;
+    left = ((await postJson("/_api/stop", { engaged: false, presses })) as { stop: StopHold[] }).stop;
   } finally {
     // Also without an answer: the server may have released it, after a newer stop had reached it by another way.
     if (isOverruled()) restate();

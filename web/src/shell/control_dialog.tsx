@@ -1,5 +1,5 @@
 import { type ConsoleState, hasControl, useConsole } from "@/api/console_store";
-import { ask } from "@/api/http";
+import { postJson } from "@/api/http";
 import { AUTHORITY } from "@/generated/robot";
 import { useIsControlStale } from "@/hooks/use_situation";
 import { type TextKey, useText } from "@/i18n/text";
@@ -14,7 +14,7 @@ type Action = "take" | "request" | "grant" | "refuse" | "give_up" | "take_over";
 
 async function lease(action: Action, from?: string): Promise<void> {
   try {
-    await ask("/_api/lease", from === undefined ? { action } : { action, from });
+    await postJson("/_api/lease", from === undefined ? { action } : { action, from });
   } catch (error) {
     showProblem(error);
   }

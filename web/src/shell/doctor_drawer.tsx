@@ -5,7 +5,7 @@ import { type Text, useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { Dialog } from "@/ui/dialog";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 import { VERDICTS, type Verdict, countsOf, verdictOf } from "./doctor/diagnosis";
 import { FindingItem, Summary } from "./doctor/finding_item";
 import { examine } from "./doctor/requests";
@@ -73,7 +73,7 @@ function Head({ doctor }: { doctor: DoctorState }) {
           {busy && verdict === "unknown" ? busySentence(doctor.busy, text) : text(VERDICTS[verdict])}
         </p>
         <p className="text-text-2">{busy && verdict !== "unknown" ? busySentence(doctor.busy, text) : summary(doctor, text)}</p>
-        {age !== null && <p aria-hidden="true" className="text-xs text-text-3">{text("doctor_examined", { age: span(age) })}</p>}
+        {age !== null && <p aria-hidden="true" className="text-xs text-text-3">{text("doctor_examined", { age: formatDuration(age) })}</p>}
       </div>
       <Button kind={verdict === "unknown" ? "primary" : "plain"} disabled={busy} onClick={() => void examine()}>
         {text(doctor.diagnosis === null ? "doctor_examine" : "doctor_examine_again")}

@@ -3,7 +3,7 @@ import { useConsole } from "@/api/console_store";
 import { useAge } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { useLink } from "@/robot";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 
 /** Says that nothing arrives any more; grey, since a lost link is not a fault of the robot. */
 export function LinkBanner() {
@@ -26,7 +26,7 @@ function Banner({ message, age }: { message: string; age: number | null }) {
       <Unplug aria-hidden="true" className="size-5 shrink-0" />
       <p role="alert">{message}</p>
       <span aria-hidden="true" data-testid="loss-age" className="ml-auto shrink-0 font-semibold numeric">
-        {span(age)}
+        {formatDuration(age)}
       </span>
     </div>
   );

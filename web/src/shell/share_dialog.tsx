@@ -1,6 +1,6 @@
 import createQrCode from "qrcode-generator";
 import { useEffect, useMemo, useState } from "react";
-import { ask } from "@/api/http";
+import { getJson } from "@/api/http";
 import type { Role } from "@/generated/robot";
 import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
@@ -93,7 +93,7 @@ function useAccess(isOpen: boolean): { access: Access | null; problem: string } 
     if (!isOpen) return;
     let isOver = false;
     const load = () => {
-      ask<Access>("/_api/access")
+      getJson<Access>("/_api/access")
         .then((access) => !isOver && setState({ access, problem: "" }))
         .catch((error: unknown) => !isOver && setState({ access: null, problem: errorText(error) }));
     };

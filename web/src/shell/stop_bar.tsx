@@ -8,7 +8,7 @@ import { stop, useGate, useLink } from "@/robot";
 import { type StopDelivery, stopDelivery } from "@/state/stop_delivery";
 import { cn } from "@/ui/cn";
 import { isTypingSpace } from "@/ui/keyboard";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 
 const HEARD_TOO_LONG_AGO_S = 1.5;
 
@@ -97,7 +97,7 @@ function Heard() {
   const linkOpen = useLink((link) => link.state === "open");
   const age = useAge(useEstop().receivedMs);
   const isHeard = linkOpen && age !== null && age < HEARD_TOO_LONG_AGO_S;
-  return <span aria-hidden="true">{isHeard ? text("stop_heard", { age: span(age) }) : text("stop_not_heard")}</span>;
+  return <span aria-hidden="true">{isHeard ? text("stop_heard", { age: formatDuration(age) }) : text("stop_not_heard")}</span>;
 }
 
 function useStopDelivery(): StopDelivery {

@@ -13,7 +13,7 @@ import { type StopLine, stopLines } from "@/state/stop_reasons";
 import { cn } from "@/ui/cn";
 import { RobotWords } from "@/ui/robot_words";
 import { HoldButton } from "@/ui/hold_button";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 
 /** Why the robot is stopped, who holds it, and the release: at the far end from the stop. */
 export function StoppedBanner() {
@@ -98,7 +98,7 @@ function StopLines({ lines, ownSinceMs }: { lines: readonly StopLine[]; ownSince
           {line.key === null ? <RobotWords words={line.words} /> : text(line.key, line.values)}
           {line.name !== null && (
             <span aria-hidden="true" className="font-normal tabular-nums" data-testid="stop-age">
-              , {line.ageS === null ? <Age atMs={ownSinceMs} /> : text("ago", { age: span(line.ageS) })}
+              , {line.ageS === null ? <Age atMs={ownSinceMs} /> : text("ago", { age: formatDuration(line.ageS) })}
             </span>
           )}
         </Fragment>
@@ -113,5 +113,5 @@ const BY = /^(reason_user|reason_voice-agent|held_(pressed|left|lost_holding))/;
 /** How long ago something was; a text of its own, so that it alone is drawn four times a second. */
 function Age({ atMs }: { atMs: number }) {
   const text = useText();
-  return text("ago", { age: span(useAge(atMs)) });
+  return text("ago", { age: formatDuration(useAge(atMs)) });
 }

@@ -10,7 +10,7 @@ import { type Charge, chargeOf, chargeShare } from "@/state/battery";
 import { progress } from "@/state/sentence";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { UNKNOWN, clock, fixed, span, timeOfDay, writeMoment } from "@/ui/numbers";
+import { UNKNOWN, clock, fixed, formatDuration, timeOfDay, writeMoment } from "@/ui/numbers";
 import { ControlDialog, controlText } from "./control_dialog";
 import { showOverlay } from "./overlays";
 
@@ -106,7 +106,7 @@ function MissionStrip() {
 function Silence({ sinceMs }: { sinceMs: number | null }) {
   return (
     <span aria-hidden="true" className="ml-2 font-normal numeric">
-      {span(useAge(sinceMs))}
+      {formatDuration(useAge(sinceMs))}
     </span>
   );
 }
@@ -243,7 +243,7 @@ function BatteryReading() {
           <span className="numeric">{share === null ? UNKNOWN : fixed(share * 100, 0)}</span> %
         </p>
         <p className={cn("text-xs leading-tight whitespace-nowrap text-text-3 numeric", !isStale && "max-md:hidden")} data-testid="battery-age">
-          {isStale ? text("ago", { age: span(age) }) : `${fixed(sample?.message.voltage, 2)} V`}
+          {isStale ? text("ago", { age: formatDuration(age) }) : `${fixed(sample?.message.voltage, 2)} V`}
         </p>
       </div>
     </div>

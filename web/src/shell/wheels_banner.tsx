@@ -1,5 +1,5 @@
 import { Hand } from "lucide-react";
-import { ask } from "@/api/http";
+import { postJson } from "@/api/http";
 import { useHeldAtZero, useMissionDrives } from "@/hooks/use_situation";
 import { useText } from "@/i18n/text";
 import { useIsRewound } from "@/rewind/state";
@@ -17,7 +17,7 @@ export function WheelsBanner() {
     <div role="alert" data-testid="wheels-held" className="flex min-h-12 shrink-0 flex-wrap items-center gap-x-4 gap-y-2 border-b border-attention bg-attention-wash px-4 py-2 text-attention">
       <Hand aria-hidden="true" className="size-5 shrink-0" />
       <p className="min-w-0 grow basis-60 font-semibold">{text("wheels_held")}</p>
-      <Button onClick={() => void ask("/_api/lease", { action: "give_up" }).catch(showProblem)}>{text("give_up_control")}</Button>
+      <Button onClick={() => void postJson("/_api/lease", { action: "give_up" }).catch(showProblem)}>{text("give_up_control")}</Button>
     </div>
   );
 }

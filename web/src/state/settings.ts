@@ -5,7 +5,7 @@
  */
 import { create } from "zustand";
 import { useConsole } from "@/api/console_store";
-import { ApiError, ask } from "@/api/http";
+import { ApiError, postJson } from "@/api/http";
 import { errorText } from "@/i18n/error_text";
 import { CommandRefused } from "@/rewind/guard";
 import { OLDEST_SETTINGS_VERSION, SETTINGS, SETTINGS_VERSION, type Settings } from "@/generated/settings";
@@ -86,7 +86,7 @@ export async function changeSettings(changes: Stored): Promise<boolean> {
   if (Object.keys(own).length > 0) store(own, "kept", "");
   if (Object.keys(shared).length === 0) return useSettingsPlace.getState().place === "kept";
   try {
-    await ask("/_api/settings", { version: SETTINGS_VERSION, settings: shared });
+    await postJson("/_api/settings", { version: SETTINGS_VERSION, settings: shared });
     useSettingsPlace.setState({ place: "kept", reason: "" });
     return true;
   } catch (error) {

@@ -43,7 +43,7 @@ export function signed(value: number | null | undefined, places: number): string
 }
 
 /** A span of time: 0.4 s, 12 s, 03:05, 1:02:09. */
-export function span(seconds: number | null | undefined): string {
+export function formatDuration(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds) || seconds < 0) return UNKNOWN;
   if (seconds < 10) return `${fixed(seconds, 1)} s`;
   if (seconds < 60) return `${Math.floor(seconds)} s`;

@@ -7,7 +7,7 @@ import { robotTime } from "@/robot";
 import { useIsRewound, useRewind } from "@/rewind/state";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { fixed, span, writeMoment } from "@/ui/numbers";
+import { fixed, formatDuration, writeMoment } from "@/ui/numbers";
 import { type Arrival, CameraStream, type ImageFeed, type StreamListener, type StreamState, medianLatencyS } from "./camera/camera_stream";
 import { Overlay, type OverlayKind } from "./camera/overlay";
 import { RecordedImages } from "./camera/recorded_images";
@@ -144,7 +144,7 @@ function Condition({
       : state.kind === "missing"
         ? text(isLoading ? "rewind_loading" : "rewind_no_image", { topic })
         : age !== null
-          ? text("camera_stalled", { age: span(age) })
+          ? text("camera_stalled", { age: formatDuration(age) })
           : text(topic === "" ? "cameras_asking" : state.kind === "lost" ? "camera_no_answer" : "camera_waiting", { topic });
   return (
     <div className={cn("pointer-events-none absolute inset-0 z-20 grid place-items-center p-4", age === null ? "" : "bg-void/60 hatched")}>

@@ -2,7 +2,7 @@ import type { ReactNode } from "react";
 import { useAge } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { DoctorButton } from "@/shell/doctor_button";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 
 export interface Freshness {
   /** Seconds since the last sample; null before the first. */
@@ -20,7 +20,7 @@ export function useFreshness(topic: string, receivedMs: number | null | undefine
   if (age <= staleAfterS) return { age, isStale: false, panel: {} };
   const notice = (
     <>
-      <span className="grow">{text("stale_since", { topic, age: span(age) })}</span>
+      <span className="grow">{text("stale_since", { topic, age: formatDuration(age) })}</span>
       <span className="-my-1">
         <DoctorButton size="small" />
       </span>

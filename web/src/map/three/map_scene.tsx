@@ -15,7 +15,7 @@ import { useIsPhone, usePresentation } from "@/map/use_presentation";
 import type { View } from "@/map/view";
 import { drawsInSoftware } from "@/widgets/webgl";
 import { cn } from "@/ui/cn";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 import type { CameraRig } from "./camera_rig";
 import { measureFrame } from "./frames";
 import { Greenhouse } from "./greenhouse";
@@ -132,7 +132,7 @@ function StaleBadge() {
     [age(liveMap.jointsReceivedMs), "map_never_joints", "map_stale_joints"],
   ] as const) {
     if (ageMs === null && isSettled) reasons.push(text(never));
-    if (ageMs !== null && ageMs > POSE_STALE_MS) reasons.push(text(stale, { age: span(ageMs / 1000) }));
+    if (ageMs !== null && ageMs > POSE_STALE_MS) reasons.push(text(stale, { age: formatDuration(ageMs / 1000) }));
   }
   if (reasons.length === 0) return null;
   return (

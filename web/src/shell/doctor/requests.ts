@@ -1,5 +1,5 @@
 /** The requests to the doctor. */
-import { ask } from "@/api/http";
+import { postJson } from "@/api/http";
 import { type DoctorState, useConsole } from "@/api/console_store";
 import { showProblem } from "@/state/problems";
 import type { PlayResult } from "./diagnosis";
@@ -10,7 +10,7 @@ const FIX_TIMEOUT_MS = 310_000;
 /** Examine this computer, the robot and the graph. The events report its end. */
 export async function examine(): Promise<void> {
   try {
-    useConsole.setState({ doctor: await ask<DoctorState>("/_api/doctor/examination", {}) });
+    useConsole.setState({ doctor: await postJson<DoctorState>("/_api/doctor/examination", {}) });
   } catch (error) {
     showProblem(error);
   }
@@ -18,5 +18,5 @@ export async function examine(): Promise<void> {
 
 /** Play the fix of a finding, or only preview it. Throws ApiError with the reason. */
 export function playFix(finding: string, confirmed: boolean): Promise<PlayResult> {
-  return ask<PlayResult>("/_api/doctor/fix", { finding, confirmed }, FIX_TIMEOUT_MS);
+  return postJson<PlayResult>("/_api/doctor/fix", { finding, confirmed }, FIX_TIMEOUT_MS);
 }

@@ -1,5 +1,5 @@
 /** Runs the palette's commands. */
-import { ask } from "@/api/http";
+import { postJson } from "@/api/http";
 import type { Location } from "@/api/console_store";
 import { SERVICES, TOPICS } from "@/generated/graph";
 import { LED_COLORS } from "@/generated/robot";
@@ -33,7 +33,7 @@ export async function perform(action: Action): Promise<"done" | "sent" | null> {
       stop();
       return null;
     case "lease":
-      await ask("/_api/lease", { action: action.action });
+      await postJson("/_api/lease", { action: action.action });
       return null;
     case "start": {
       const answer = await call(SERVICES.MISSION_START, { mission_type: action.missionType, tag_sequence: [], discovery_goal: 0 });

@@ -1,5 +1,5 @@
 import { useEffect, useState } from "react";
-import { ask } from "@/api/http";
+import { getJson } from "@/api/http";
 import { errorText } from "@/i18n/error_text";
 
 export interface Answer<Value> {
@@ -13,7 +13,7 @@ export function useAnswer<Value>(path: string, read: (value: unknown) => Value):
   const [answer, setAnswer] = useState<Answer<Value>>({ value: null, problem: "" });
   useEffect(() => {
     let isMounted = true;
-    ask<unknown>(path).then(
+    getJson<unknown>(path).then(
       (value) => isMounted && setAnswer({ value: read(value), problem: "" }),
       (error: unknown) => isMounted && setAnswer({ value: null, problem: errorText(error) }),
     );

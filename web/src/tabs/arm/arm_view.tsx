@@ -4,7 +4,7 @@ import { useAge } from "@/hooks/use_now";
 import { useSamples } from "@/hooks/use_topic";
 import { type Text, useText } from "@/i18n/text";
 import { useSetting } from "@/state/settings";
-import { fixed, span } from "@/ui/numbers";
+import { fixed, formatDuration } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";
 import { useArmModel } from "./arm_model";
 import { type JointLabel, type Picture, drawArm } from "./arm_drawing";
@@ -135,7 +135,7 @@ export function ArmView({ measured }: { measured: Measured }) {
       </p>
       {age === null && <p className="absolute inset-x-4 top-1/3 text-center text-text-2">{text("no_sample_yet", { topic })}</p>}
       {isStale && (
-        <p className="absolute top-3 right-3 rounded-sm bg-panel px-3 py-1.5 text-sm text-attention hatched">{text("stale_since", { topic, age: span(age) })}</p>
+        <p className="absolute top-3 right-3 rounded-sm bg-panel px-3 py-1.5 text-sm text-attention hatched">{text("stale_since", { topic, age: formatDuration(age) })}</p>
       )}
     </section>
   );

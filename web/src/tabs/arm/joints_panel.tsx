@@ -5,7 +5,7 @@ import { useText } from "@/i18n/text";
 import type { Reason } from "@/state/can_drive";
 import { useSetting } from "@/state/settings";
 import { Button } from "@/ui/button";
-import { fixed, span } from "@/ui/numbers";
+import { fixed, formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { JointRow } from "./joint_row";
 import { ARM } from "./joints";
@@ -28,7 +28,7 @@ export function JointsPanel({ measured, obstacles, onCalibrate }: JointsPanelPro
     age === null ? (
       text("no_sample_yet", { topic })
     ) : isStale ? (
-      text("stale_since", { topic, age: span(age) })
+      text("stale_since", { topic, age: formatDuration(age) })
     ) : first === undefined ? null : (
       <>
         <Lock aria-hidden="true" className="size-4 shrink-0" />

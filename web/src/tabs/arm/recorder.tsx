@@ -7,7 +7,7 @@ import { showAnswer } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { Dialog } from "@/ui/dialog";
 import { HoldButton } from "@/ui/hold_button";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";
 import { Switch } from "@/ui/switch";
 import type { LibraryState, RecordMode } from "./library";
@@ -92,7 +92,7 @@ export function RecordingBar({ state, taken, onSaved }: { state: LibraryState; t
         <CircleDot aria-hidden="true" className="size-4 shrink-0 text-attention" />
         <span className="min-w-0 grow truncate font-semibold">{text(isLimp ? "arm_recording_kinesthetic" : "arm_recording_teleop")}</span>
         <span aria-hidden="true" className="text-sm whitespace-nowrap text-text-2">
-          <span className="numeric">{span(state.elapsedS)}</span> · {text("arm_points", { count: state.waypoints })}
+          <span className="numeric">{formatDuration(state.elapsedS)}</span> · {text("arm_points", { count: state.waypoints })}
         </span>
       </p>
       {isLimp && <p className="mt-1 text-xs text-attention">{text("arm_limp_now")}</p>}

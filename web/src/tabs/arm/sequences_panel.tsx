@@ -5,7 +5,7 @@ import { useText } from "@/i18n/text";
 import { call } from "@/robot";
 import { showAnswer, showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
-import { fixed, span } from "@/ui/numbers";
+import { fixed, formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { Slider } from "@/ui/slider";
 import { EntryMenu } from "./entry_menu";
@@ -71,7 +71,7 @@ export function SequencesPanel({ reading, state, isBlocked }: SequencesPanelProp
               <p className="min-w-0 grow wrap-anywhere">
                 <span className="font-semibold">{sequence.name}</span>
                 <span className="ml-2 text-xs text-text-3">
-                  <span className="numeric">{span(sequence.durationS / speed)}</span> · {text("arm_points", { count: sequence.waypoints })}
+                  <span className="numeric">{formatDuration(sequence.durationS / speed)}</span> · {text("arm_points", { count: sequence.waypoints })}
                   {sequence.mode === "kinesthetic" && ` · ${text("arm_mode_kinesthetic")}`}
                 </span>
               </p>
@@ -106,7 +106,7 @@ function ReplayBar({ state }: { state: LibraryState }) {
         <p role="status" className="min-w-0 grow truncate">
           <span className="font-semibold text-alive">{text("arm_playing", { name: state.name })}</span>
           <span aria-hidden="true" className="ml-2 text-sm text-text-2 numeric">
-            {span(state.elapsedS)}
+            {formatDuration(state.elapsedS)}
           </span>
         </p>
         <Button className="h-11" onClick={() => void stop()}>

@@ -10,7 +10,7 @@ import { DoctorButton } from "@/shell/doctor_button";
 import { useSetting } from "@/state/settings";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { Segments } from "@/ui/segments";
 import { CameraView } from "@/widgets/camera_view";
@@ -129,7 +129,7 @@ function OverlaySource({ kind }: { kind: OverlayKind }) {
   const age = useAge(sample?.receivedMs);
   return (
     <p className="min-w-0 truncate rounded-sm bg-panel px-2 py-1 text-xs text-text-2 max-lg:hidden">
-      {age === null ? text("cameras_overlay_none", { topic: row.name }) : text("cameras_overlay_source", { topic: row.name, age: span(age) })}
+      {age === null ? text("cameras_overlay_none", { topic: row.name }) : text("cameras_overlay_source", { topic: row.name, age: formatDuration(age) })}
     </p>
   );
 }
@@ -155,7 +155,7 @@ function NoCameras({ list }: { list: CameraList }) {
         </p>
         {isKnown && <p className="text-text-2">{text("cameras_none_hint")}</p>}
         {(isKnown || list.problem !== "") && <DoctorButton />}
-        {age !== null && <p aria-hidden="true" className="text-xs text-text-3">{text("cameras_listed", { age: span(age) })}</p>}
+        {age !== null && <p aria-hidden="true" className="text-xs text-text-3">{text("cameras_listed", { age: formatDuration(age) })}</p>}
       </div>
     </div>
   );

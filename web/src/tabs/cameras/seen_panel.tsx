@@ -4,7 +4,7 @@ import { TOPICS } from "@/generated/graph";
 import { useAge } from "@/hooks/use_now";
 import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
-import { fixed, span } from "@/ui/numbers";
+import { fixed, formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { className, parseFlowers, parseTags } from "@/widgets/camera/detections";
 
@@ -51,10 +51,10 @@ export function SeenPanel({ place }: { place?: string }) {
     age === null
       ? { tone: "empty" as const, notice: text("no_sample_yet", { topic: TOPICS.TAG_DETECTIONS.name }) }
       : age > NOW_S
-        ? { tone: "stale" as const, notice: text("stale_since", { topic: TOPICS.TAG_DETECTIONS.name, age: span(age) }) }
+        ? { tone: "stale" as const, notice: text("stale_since", { topic: TOPICS.TAG_DETECTIONS.name, age: formatDuration(age) }) }
         : {};
   return (
-    <Panel title={text("cameras_seen")} aside={age !== null && <span className="numeric">{span(age)}</span>} {...state} {...(place === undefined ? {} : { className: place })} bodyClassName="overflow-y-auto">
+    <Panel title={text("cameras_seen")} aside={age !== null && <span className="numeric">{formatDuration(age)}</span>} {...state} {...(place === undefined ? {} : { className: place })} bodyClassName="overflow-y-auto">
       {rows.length === 0 ? (
         <p className="py-2 text-text-3">{text("cameras_seen_nothing")}</p>
       ) : (

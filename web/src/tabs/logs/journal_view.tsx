@@ -1,11 +1,11 @@
 import { Ban, CircleCheck, RefreshCw } from "lucide-react";
 import { memo, useCallback, useMemo, useState } from "react";
-import { ask } from "@/api/http";
+import { getJson } from "@/api/http";
 import { useAge } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { UNKNOWN, span, timeOfDay } from "@/ui/numbers";
+import { UNKNOWN, formatDuration, timeOfDay } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";
 import { ScrollRegion } from "@/widgets/scroll_region";
 import { SearchField } from "./live_view";
@@ -21,7 +21,7 @@ export function JournalView() {
   const { id, isUp, runs, problem: runsProblem } = useRuns();
   const [search, setSearch] = useState("");
   const [outcome, setOutcome] = useState<"all" | "refused">("all");
-  const read = useCallback(async () => parseJournal(await ask<unknown>(`/_api/runs/${encodeURIComponent(id)}/commands`)), [id]);
+  const read = useCallback(async () => parseJournal(await getJson<unknown>(`/_api/runs/${encodeURIComponent(id)}/commands`)), [id]);
   const journal = usePolled(id === "" ? null : read, isUp ? POLL_MS : null);
   const age = useAge(journal.receivedMs);
   const wanted = search.trim().toLowerCase();
@@ -69,7 +69,7 @@ export function JournalView() {
         )}
         <div className={cn("flex flex-wrap gap-x-4 border-t border-line px-4 py-2 text-xs", problem === "" ? "text-text-3" : "text-attention")}>
           <span>{problem === "" ? text("logs_commands", { count: rows.length }) : text("logs_problem", { reason: problem })}</span>
-          {age !== null && <span className="ml-auto">{text("logs_read", { age: span(age) })}</span>}
+          {age !== null && <span className="ml-auto">{text("logs_read", { age: formatDuration(age) })}</span>}
         </div>
       </div>
     </>

@@ -6,7 +6,7 @@ import { type TextKey, useText } from "@/i18n/text";
 import { useSetting } from "@/state/settings";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";
 import { VirtualList } from "@/widgets/virtual_list";
 import { CopyButton } from "./copy_button";
@@ -98,7 +98,7 @@ export function LiveView() {
         <div className="flex flex-wrap items-center gap-x-4 border-t border-line px-4 py-2 text-xs text-text-3">
           <span>{text("logs_shown", { shown: rows.length, kept: Math.min(tail.rows.length, MAX_ROWS), received: live.received })}</span>
           {frozen !== null && <span className="text-attention">{text("logs_paused", { count: live.received - frozen.received })}</span>}
-          {age !== null && <span className="ml-auto">{text("logs_last", { age: span(age) })}</span>}
+          {age !== null && <span className="ml-auto">{text("logs_last", { age: formatDuration(age) })}</span>}
         </div>
       </div>
     </>

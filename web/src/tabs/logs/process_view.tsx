@@ -1,12 +1,12 @@
 import { ArrowDownToLine, RefreshCw } from "lucide-react";
 import { memo, useCallback, useEffect, useMemo, useRef, useState } from "react";
 import { create } from "zustand";
-import { ask } from "@/api/http";
+import { getJson } from "@/api/http";
 import { useAge } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 import { ScrollRegion } from "@/widgets/scroll_region";
 import { SearchField } from "./live_view";
 import { type LineTone, type TextLine, askText, logLines, parseNames } from "./run_files";
@@ -30,7 +30,7 @@ export function ProcessView() {
   const [isFollowing, setFollowing] = useState(true);
   const chosen = useChosenProcess((state) => state.name);
 
-  const readNames = useCallback(async () => parseNames(await ask<unknown>(`/_api/runs/${encodeURIComponent(id)}/logs`)), [id]);
+  const readNames = useCallback(async () => parseNames(await getJson<unknown>(`/_api/runs/${encodeURIComponent(id)}/logs`)), [id]);
   const names = usePolled(id === "" ? null : readNames, isUp ? 15_000 : null);
   const processes = names.value ?? [];
   const name = processes.includes(chosen) ? chosen : (processes[0] ?? "");
@@ -80,7 +80,7 @@ export function ProcessView() {
           )}
           <div className={cn("flex flex-wrap gap-x-4 border-t border-line px-4 py-2 text-xs", problem === "" ? "text-text-3" : "text-attention")}>
             <span>{problem === "" ? text("logs_lines", { count: shown.length }) : text("logs_problem", { reason: problem })}</span>
-            {age !== null && <span className="ml-auto">{text("logs_read", { age: span(age) })}</span>}
+            {age !== null && <span className="ml-auto">{text("logs_read", { age: formatDuration(age) })}</span>}
           </div>
         </div>
       </div>

@@ -1,7 +1,7 @@
 import { useCallback } from "react";
 import { create } from "zustand";
 import { useConsole } from "@/api/console_store";
-import { ask } from "@/api/http";
+import { getJson } from "@/api/http";
 import { useText } from "@/i18n/text";
 import { cn } from "@/ui/cn";
 import { dayAndTime } from "@/ui/numbers";
@@ -12,7 +12,7 @@ import { usePolled } from "./use_polled";
 /** The run whose files are shown; empty: the one that is up, or else the newest. */
 const useChosenRun = create<{ id: string }>(() => ({ id: "" }));
 
-const readRuns = async (): Promise<StoredRun[]> => parseRuns(await ask<unknown>("/_api/runs"));
+const readRuns = async (): Promise<StoredRun[]> => parseRuns(await getJson<unknown>("/_api/runs"));
 
 /** The shown run and the list to choose from; `id` is empty while there is none. */
 export function useRuns(): { id: string; isUp: boolean; runs: readonly StoredRun[]; problem: string } {

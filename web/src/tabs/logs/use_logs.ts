@@ -1,7 +1,7 @@
 /** The tail of `/rosout`, from the run's history on. It is collected from the first time that this tab is shown, also while other tabs are shown. */
 import { useEffect, useSyncExternalStore } from "react";
 import { useConsole } from "@/api/console_store";
-import { ask } from "@/api/http";
+import { getJson } from "@/api/http";
 import { TOPICS } from "@/generated/graph";
 import type { rcl_interfaces_Log as Log } from "@/generated/messages";
 import { topics } from "@/robot";
@@ -37,7 +37,7 @@ function follow(topic: string): void {
 /** Take what was logged before, and again after every outage. */
 function followPast(): () => void {
   // Without the history, the log begins with this page.
-  const load = () => ask<Partial<Log>[]>("/_api/history/log").then((lines) => LOGS.addPast(lines), () => {});
+  const load = () => getJson<Partial<Log>[]>("/_api/history/log").then((lines) => LOGS.addPast(lines), () => {});
   void load();
   return useConsole.subscribe((state, before) => {
     if (state.online && !before.online) void load();

@@ -18,7 +18,7 @@ import { useLink } from "@/robot";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { fixed, span, toDegrees } from "@/ui/numbers";
+import { fixed, formatDuration, toDegrees } from "@/ui/numbers";
 
 /** What the drawn pose would do, with the button that does it; afterwards, the outcome. */
 export function GoalBar() {
@@ -161,7 +161,7 @@ function Progress() {
       </Bar>
     );
   }
-  const waited = sent === null ? "" : span((now - sent.atMs) / 1000);
+  const waited = sent === null ? "" : formatDuration((now - sent.atMs) / 1000);
   const left = isDriving ? text("map_goal_left", { length: writeLength(lengthOf(shown.left)) }) : "";
   return (
     <Bar>

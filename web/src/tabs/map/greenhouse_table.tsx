@@ -8,7 +8,7 @@ import { targetOf, useMissionState } from "@/map/use_mission";
 import { type Tag, type TagOrder, knownSensors, sortTags } from "@/map/twin";
 import { Announced } from "@/ui/announced";
 import { cn } from "@/ui/cn";
-import { UNKNOWN, clock, fixed, span } from "@/ui/numbers";
+import { UNKNOWN, clock, fixed, formatDuration } from "@/ui/numbers";
 import { BugMark, FlowerMark, HealthMark } from "./marks";
 import { useAgeText, useTwin } from "./use_tags";
 
@@ -78,7 +78,7 @@ export function GreenhouseTable() {
 
 function StaleText({ receivedMs }: { receivedMs: number }) {
   const text = useText();
-  return text("stale_since", { topic: TOPICS.TWIN_STATE.name, age: useAgeText(0, receivedMs, span, UNKNOWN) });
+  return text("stale_since", { topic: TOPICS.TWIN_STATE.name, age: useAgeText(0, receivedMs, formatDuration, UNKNOWN) });
 }
 
 function summary(text: Text, tags: readonly Tag[]): string {

@@ -6,7 +6,7 @@ import { liveMap } from "@/map/live_map";
 import { useMapUi } from "@/map/map_ui";
 import { SENSOR_NAMES, writeValue } from "@/map/sensor_text";
 import { FIELD_PERIOD_MS, useFieldState } from "@/map/use_field";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 
 /** The range of the shown field with its unit, and where it is ideal. */
 export function HeatLegend() {
@@ -32,7 +32,7 @@ export function HeatLegend() {
       ) : (
         <Range field={field} range={field.range} />
       )}
-      {isStale && <p className="mt-1 text-attention">{text("map_heat_age", { age: span(age) })}</p>}
+      {isStale && <p className="mt-1 text-attention">{text("map_heat_age", { age: formatDuration(age) })}</p>}
     </div>
   );
 }

@@ -8,7 +8,7 @@ import { call } from "@/robot";
 import { showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 
 type ColorName = keyof typeof LED_COLORS;
 const COLORS = Object.keys(LED_COLORS) as ColorName[];
@@ -40,8 +40,8 @@ export function LightControl() {
         {confirmed === null
           ? text("map_lights_unknown")
           : confirmed.what === "auto"
-            ? text("map_lights_set_auto", { age: span(age) })
-            : text("map_lights_set", { color: text(`map_color_${confirmed.what}`), age: span(age) })}
+            ? text("map_lights_set_auto", { age: formatDuration(age) })
+            : text("map_lights_set", { color: text(`map_color_${confirmed.what}`), age: formatDuration(age) })}
       </p>
       <div role="group" aria-label={text("map_lights")} className="grid grid-cols-4 gap-2">
         {COLORS.map((name) => (

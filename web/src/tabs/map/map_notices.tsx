@@ -11,7 +11,7 @@ import { useLink } from "@/robot";
 import { isRobotLost } from "@/state/sentence";
 import { useSetting } from "@/state/settings";
 import { Announced } from "@/ui/announced";
-import { span } from "@/ui/numbers";
+import { formatDuration } from "@/ui/numbers";
 
 /** What has only just been asked for is not missing yet. */
 const PATIENCE_MS = 3000;
@@ -48,7 +48,7 @@ export function MapNotices({ sceneFailure }: { sceneFailure: string }) {
   const isWaitingForPlace = useTopicValue(TOPICS.MISSION_STATE, (sample) => isRobotLost(sample?.message ?? null));
   const isLate = useIsLate();
   const hasMap = useTimeValue(() => liveMap.grid !== null);
-  const age = useTimeValue((now) => (isStale && liveMap.poseReceivedMs !== null ? span((now - liveMap.poseReceivedMs) / 1000) : ""));
+  const age = useTimeValue((now) => (isStale && liveMap.poseReceivedMs !== null ? formatDuration((now - liveMap.poseReceivedMs) / 1000) : ""));
   const linkOpen = useLink((link) => link.state === "open");
   const [map, base] = [useSetting("mapFrame"), useSetting("baseFrame")];
   return (

@@ -16,7 +16,7 @@ import { Announced } from "@/ui/announced";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { HoldButton } from "@/ui/hold_button";
-import { fixed, span } from "@/ui/numbers";
+import { fixed, formatDuration } from "@/ui/numbers";
 import { StartForm } from "./start_form";
 import { TransitLine } from "./transit_line";
 import { useTwin } from "./use_tags";
@@ -57,7 +57,7 @@ function StaleText() {
   const topics = useTopics();
   const age = useTimeValue((now) => {
     const receivedMs = topics.last(TOPICS.MISSION_STATE)?.receivedMs;
-    return receivedMs === undefined ? "" : span((now - receivedMs) / 1000);
+    return receivedMs === undefined ? "" : formatDuration((now - receivedMs) / 1000);
   });
   return age === "" ? text("mission_nobody", { topic }) : text("stale_since", { topic, age });
 }

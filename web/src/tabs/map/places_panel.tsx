@@ -1,6 +1,6 @@
 import { Crosshair, Download, MapPinPlus, Navigation, PencilLine, X } from "lucide-react";
 import { type Location, useConsole } from "@/api/console_store";
-import { ask } from "@/api/http";
+import { postJson } from "@/api/http";
 import { useText } from "@/i18n/text";
 import { changeApproach, overridesFile } from "@/map/approaches";
 import { liveMap } from "@/map/live_map";
@@ -31,7 +31,7 @@ function Locations() {
   const locations = useConsole((state) => state.locations);
   const { isKnown, isStale } = usePoseState();
   const change = async (name: string, pose: Location | null) => {
-    const changed = await ask<Record<string, Location>>("/_api/locations", { name, pose });
+    const changed = await postJson<Record<string, Location>>("/_api/locations", { name, pose });
     useConsole.setState({ locations: changed });
   };
   const saveHere = async (name: string) => {

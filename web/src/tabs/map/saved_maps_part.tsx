@@ -1,6 +1,6 @@
 import { Save, Trash2 } from "lucide-react";
 import { useEffect, useState } from "react";
-import { ask } from "@/api/http";
+import { getJson, postJson } from "@/api/http";
 import { useNavigates } from "@/hooks/use_situation";
 import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
@@ -19,7 +19,7 @@ interface MapList {
 
 async function readMaps(): Promise<MapList> {
   try {
-    return { saved: await ask<SavedMaps>("/_api/maps"), problem: "" };
+    return { saved: await getJson<SavedMaps>("/_api/maps"), problem: "" };
   } catch (error) {
     return { saved: null, problem: errorText(error) };
   }
@@ -35,7 +35,7 @@ export function SavedMapsPart() {
   const change = async (name: string, path: "/_api/maps/load" | "/_api/maps/delete", done: string) => {
     setBusyWith(name);
     try {
-      await ask(path, { name });
+      await postJson(path, { name });
       showDone(done);
     } catch (error) {
       showProblem(error);
@@ -44,7 +44,7 @@ export function SavedMapsPart() {
     setBusyWith(null);
   };
   const save = async (name: string, replace: boolean) => {
-    await ask("/_api/maps", { name, replace });
+    await postJson("/_api/maps", { name, replace });
     showDone(text("map_saved_map", { name }));
     setList(await readMaps());
     setChosen(name);

@@ -11,7 +11,7 @@ import { targetOf, useIsStopped, useMissionState } from "@/map/use_mission";
 import { type Tag, knownSensors } from "@/map/twin";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { fixed, span } from "@/ui/numbers";
+import { fixed, formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { BugMark, FlowerMark, HealthMark } from "./marks";
 import { useAgeText, useTwin } from "./use_tags";
@@ -52,7 +52,7 @@ export function TargetPanel({ className }: { className?: string }) {
 
 function ReadAge({ tag, receivedMs, isTarget }: { tag: Tag; receivedMs: number | null; isTarget: boolean }) {
   const text = useText();
-  const age = useAgeText(knownSensors(tag).length === 0 ? null : tag.ageS, receivedMs, span, "");
+  const age = useAgeText(knownSensors(tag).length === 0 ? null : tag.ageS, receivedMs, formatDuration, "");
   return age === "" ? text("map_never_read") : text(isTarget ? "map_read_again" : "map_read_ago", { age });
 }
 

@@ -5,7 +5,7 @@ import { useAge } from "@/hooks/use_now";
 import { type TextKey, useText } from "@/i18n/text";
 import { DoctorButton } from "@/shell/doctor_button";
 import { cn } from "@/ui/cn";
-import { UNKNOWN, fixed, span } from "@/ui/numbers";
+import { UNKNOWN, fixed, formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { ScrollRegion } from "@/widgets/scroll_region";
 import { type ProcessHealth, type ProcessRow, type RateRow, processRows, rateRows } from "./run_rows";
@@ -29,7 +29,7 @@ export function RunView() {
   const processes = processRows(run);
   const rates = rateRows(run);
   const alarms = run.alarms ?? [];
-  const stale = !isOnline && processes.length > 0 ? { tone: "stale" as const, notice: text("telemetry_run_stale", { age: span(offlineAge) }) } : {};
+  const stale = !isOnline && processes.length > 0 ? { tone: "stale" as const, notice: text("telemetry_run_stale", { age: formatDuration(offlineAge) }) } : {};
   const empty = processes.length === 0 ? { tone: "empty" as const, notice: text("telemetry_no_run") } : {};
   const up = processes.filter(({ health }) => health === "up").length;
   return (
@@ -50,7 +50,7 @@ export function RunView() {
       <div className="grid grow grid-cols-[minmax(0,1fr)] gap-3 xl:min-h-0 xl:grid-cols-[minmax(0,3fr)_minmax(0,2fr)] xl:grid-rows-[minmax(0,1fr)]">
         <Panel
           title={text("telemetry_processes")}
-          aside={processes.length > 0 && text("telemetry_processes_up", { up, total: processes.length, age: span(run.age_s) })}
+          aside={processes.length > 0 && text("telemetry_processes_up", { up, total: processes.length, age: formatDuration(run.age_s) })}
           {...stale}
           {...empty}
           className="min-h-64"
@@ -100,7 +100,7 @@ function ProcessTable({ rows }: { rows: readonly ProcessRow[] }) {
                 <span className={cn("inline-flex items-center gap-2", tone)}>
                   <Icon aria-hidden="true" className="size-4 shrink-0" />
                   {text(label)}
-                  {typeof row.waiting_s === "number" && <span className="text-xs text-text-3 numeric">{span(row.waiting_s)}</span>}
+                  {typeof row.waiting_s === "number" && <span className="text-xs text-text-3 numeric">{formatDuration(row.waiting_s)}</span>}
                 </span>
                 {row.remark !== "" && <span className="block text-xs break-words text-text-2">{row.remark}</span>}
               </td>
@@ -139,7 +139,7 @@ function RateTable({ rows }: { rows: readonly RateRow[] }) {
               <span className="block truncate numeric" title={topic}>
                 {topic}
               </span>
-              {silentS !== null && <span className="text-xs text-attention">{text("telemetry_silent", { age: span(silentS) })}</span>}
+              {silentS !== null && <span className="text-xs text-attention">{text("telemetry_silent", { age: formatDuration(silentS) })}</span>}
               {isSlow && <span className="text-xs text-attention">{text("telemetry_slow")}</span>}
             </th>
             <td className={cn("w-20 py-1.5 pr-3 text-right font-semibold numeric", (silentS !== null || isSlow) && "text-attention")}>{fixed(hz, 1)}</td>

@@ -6,7 +6,7 @@ import { useText } from "@/i18n/text";
 import { useLink } from "@/robot";
 import { useSetting } from "@/state/settings";
 import { cn } from "@/ui/cn";
-import { fixed, signed, span } from "@/ui/numbers";
+import { fixed, signed, formatDuration } from "@/ui/numbers";
 import { type Freshness, useFreshness } from "@/widgets/freshness";
 import { Sparkline } from "@/widgets/sparkline";
 import { SpringNumber } from "@/widgets/spring_number";
@@ -48,7 +48,7 @@ function Tile({ title, value, unit, source, freshness, tone, children }: TilePro
         <span className="text-base font-normal text-text-3">{unit}</span>
       </p>
       <p className={cn("line-clamp-2 text-xs leading-tight wrap-anywhere", isStale ? "text-attention" : "text-text-3")}>
-        {isStale ? text("telemetry_silent", { age: span(freshness?.age) }) : isEmpty ? text("telemetry_nothing_yet", { source }) : source}
+        {isStale ? text("telemetry_silent", { age: formatDuration(freshness?.age) }) : isEmpty ? text("telemetry_nothing_yet", { source }) : source}
       </p>
       {children}
     </section>

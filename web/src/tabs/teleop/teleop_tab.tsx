@@ -13,7 +13,7 @@ import { MirroredStop } from "@/shell/stop_bar";
 import { changeSettings, useSetting } from "@/state/settings";
 import { ODOMETRY_STALE_MS } from "@/state/wheels";
 import { cn } from "@/ui/cn";
-import { fixed, signed, span } from "@/ui/numbers";
+import { fixed, signed, formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { Slider } from "@/ui/slider";
 import { CameraView } from "@/widgets/camera_view";
@@ -181,8 +181,8 @@ function NearestObstacle() {
   return (
     <Panel
       title={text("nearest_obstacle")}
-      aside={age !== null && text("lidar_age", { age: span(age) })}
-      {...(stale ? { tone: "stale" as const, notice: text("stale_since", { topic, age: span(age) }) } : {})}
+      aside={age !== null && text("lidar_age", { age: formatDuration(age) })}
+      {...(stale ? { tone: "stale" as const, notice: text("stale_since", { topic, age: formatDuration(age) }) } : {})}
       {...(scan === null ? { tone: "empty" as const, notice: text("no_sample_yet", { topic }) } : {})}
       className="grow md:max-lg:col-span-2"
       bodyClassName="flex flex-col"

@@ -4,7 +4,7 @@ import { useNow } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { fixed, span } from "@/ui/numbers";
+import { fixed, formatDuration } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";
 import { cssColor } from "@/widgets/canvas";
 import type { TimeSeries } from "@/widgets/time_series";
@@ -93,7 +93,7 @@ function PausedSince({ atS }: { atS: number }) {
   const nowMs = useNow();
   return (
     <p role="status" className="text-sm text-attention">
-      {text("telemetry_paused", { age: span(Math.max(0, nowMs / 1000 - atS)) })}
+      {text("telemetry_paused", { age: formatDuration(Math.max(0, nowMs / 1000 - atS)) })}
     </p>
   );
 }
@@ -117,7 +117,7 @@ function Legend({ series, samplesOf, isPaused }: { series: PlotSeries; samplesOf
       </span>
       <span className={cn("text-base font-semibold whitespace-nowrap tabular-nums slashed-zero", isSilent && "text-text-3")}>{fixed(samples?.lastValue, 3)}</span>
       {samples?.size === 0 && <span className="text-xs text-text-3">{text("telemetry_no_sample")}</span>}
-      {isSilent && <span className="text-xs whitespace-nowrap text-attention">{text("telemetry_silent", { age: span(silentS) })}</span>}
+      {isSilent && <span className="text-xs whitespace-nowrap text-attention">{text("telemetry_silent", { age: formatDuration(silentS) })}</span>}
       <Button kind="quiet" size="icon" aria-label={text("telemetry_remove", { field: series.path })} onClick={() => removeSeries(series.id)}>
         <X />
       </Button>
