@@ -115,7 +115,14 @@ class TagAnnotator(LupinNode):
             # A driver may publish smaller images than it was calibrated with.
             scale = width_px / self._info.width if self._info.width else 1.0
             k, d = np.array(self._info.k, np.float64), np.array(self._info.d, np.float64)
-            return Intrinsics.from_camera_info(k, d, self._info.width or width_px).scaled(scale)
+            try:
+                found = Intrinsics.from_camera_info(k, d, self._info.width or width_px, self._info.distortion_model)
+            except ValueError as error:
+                self.get_logger().warning(
+                    f"camera_info: {error}; tags are placed as if the lens did not distort", throttle_duration_sec=60.0
+                )
+                found = Intrinsics.from_camera_info(k, np.zeros(0), self._info.width or width_px)
+            return found.scaled(scale)
         now_ns = self.elapsed_clock_ns()
         if self._first_image_ns is None:
             self._first_image_ns = now_ns

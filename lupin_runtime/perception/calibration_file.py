@@ -1,55 +1,90 @@
-"""Reads a camera's calibration from YAML as ROS's camera_calibration writes it."""
+"""Reads a camera's calibration from YAML: as ROS's camera_calibration writes it, or OpenCV's own."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.bounded_file import NotUtf8, read_bounded_text
+from lupin_runtime.cpp_number import parse_number
 from lupin_runtime.perception.tag_pose_estimation import Intrinsics
-from lupin_runtime.yaml_text import load_yaml
+from lupin_runtime.yaml_text import compose_yaml
 
 MAX_BYTES = 1 << 20
-MAX_COEFFICIENTS = 14  # of OpenCV's models
+_OPENCV_HEADER = "%YAML:1.0"  # of OpenCV 4 and earlier; no directive of YAML
 
 
 def load_calibration(path: Path) -> tuple[Intrinsics, int]:
-    """Return the camera and the width in pixels of the images that it was calibrated with. Raises MalformedFile and OSError."""
+    """Return the camera and the width in pixels of the images that it was calibrated with. Raises MalformedFile and OSError.
+
+    Numbers are those of yaml-cpp and OpenCV, such as 1e-05.
+    """
     try:
         content = read_bounded_text(path, MAX_BYTES)
     except NotUtf8 as error:
         raise MalformedFile(path, error.line, error.problem) from error
     try:
-        document = load_yaml(content)
+        root = compose_yaml(content.replace(_OPENCV_HEADER, "#", 1) if content.startswith(_OPENCV_HEADER) else content)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise MalformedFile(path, None, f"not YAML: {error}") from error
-    if not isinstance(document, dict):
-        raise MalformedFile(path, None, f"expected a calibration, not {type(document).__name__}")
-    matrix = _numbers(path, document, "camera_matrix")
-    distortion = _numbers(path, document, "distortion_coefficients") if "distortion_coefficients" in document else []
-    width = document.get("image_width")
+    if not isinstance(root, yaml.MappingNode):
+        raise MalformedFile(path, None, "expected a calibration, with camera_matrix and image_width")
+    fields = _Fields(path, root)
+    matrix = fields.numbers("camera_matrix")
+    width = fields.scalar("image_width")
     if len(matrix) != 9 or matrix[0] <= 0.0 or matrix[4] <= 0.0:
-        raise MalformedFile(path, None, "camera_matrix: expected nine numbers with focal lengths above 0")
-    if len(distortion) > MAX_COEFFICIENTS:
-        raise MalformedFile(path, None, f"distortion_coefficients: expected at most {MAX_COEFFICIENTS} numbers")
-    if not isinstance(width, int) or isinstance(width, bool) or not 0 < width < 1 << 20:
-        raise MalformedFile(path, None, f"image_width: expected pixels, found {width!r}")
-    return Intrinsics.from_camera_info(np.array(matrix), np.array(distortion), width), width
-
-
-def _numbers(path: Path, document: dict[Any, Any], key: str) -> list[float]:
-    entry = document.get(key)
-    data = entry.get("data") if isinstance(entry, dict) else None
-    if not isinstance(data, list) or not all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in data):
-        raise MalformedFile(path, None, f"{key}: expected an entry data with a list of numbers")
+        raise MalformedFile(
+            path, fields.line("camera_matrix"), "camera_matrix: expected nine numbers with focal lengths above 0"
+        )
+    if not (width.isascii() and width.isdigit() and 0 < int(width) < 1 << 20):
+        raise MalformedFile(path, fields.line("image_width"), f"image_width: expected pixels, found {width[:40]!r}")
+    distortion = fields.numbers("distortion_coefficients", required=False)
     try:
-        values = [float(value) for value in data]
-    except OverflowError:
-        values = [float("inf")]
-    if not np.isfinite(values).all():
-        raise MalformedFile(path, None, f"{key}: expected finite numbers")
-    return values
+        camera = Intrinsics.from_camera_info(
+            np.array(matrix), np.array(distortion), int(width), fields.scalar("distortion_model", required=False)
+        )
+    except ValueError as error:
+        line = fields.line("distortion_model" if "distortion_model" in str(error) else "distortion_coefficients")
+        raise MalformedFile(path, line, str(error)) from error
+    return camera, int(width)
+
+
+class _Fields:
+    """The values of a mapping as text, whatever type YAML gives them; errors name the line of the key."""
+
+    def __init__(self, path: Path, root: yaml.MappingNode) -> None:
+        self._path = path
+        self._nodes = {key.value: value for key, value in reversed(root.value) if isinstance(key, yaml.ScalarNode)}
+
+    def line(self, key: str) -> int | None:
+        """Return the line of a value; None without the key."""
+        node = self._nodes.get(key)
+        return node.start_mark.line + 1 if node is not None else None
+
+    def scalar(self, key: str, *, required: bool = True) -> str:
+        """Return a plain value; empty without one that is not required."""
+        node = self._nodes.get(key)
+        if isinstance(node, yaml.ScalarNode):
+            return str(node.value).strip()
+        if node is None and not required:
+            return ""
+        raise MalformedFile(self._path, self.line(key), f"{key}: expected a plain value")
+
+    def numbers(self, key: str, *, required: bool = True) -> list[float]:
+        """Return the numbers of the entry `data` of a matrix; none without one that is not required."""
+        node = self._nodes.get(key)
+        if node is None and not required:
+            return []
+        entries = node.value if isinstance(node, yaml.MappingNode) else ()
+        data = next((value for name, value in entries if isinstance(name, yaml.ScalarNode) and name.value == "data"), None)
+        items = data.value if isinstance(data, yaml.SequenceNode) else None
+        values = [parse_number(item.value) if isinstance(item, yaml.ScalarNode) else None for item in items or ()]
+        if items is None or any(value is None for value in values):
+            raise MalformedFile(self._path, self.line(key), f"{key}: expected an entry data with a list of numbers")
+        found = [value for value in values if value is not None]
+        if not np.isfinite(found).all():
+            raise MalformedFile(self._path, self.line(key), f"{key}: expected finite numbers")
+        return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
@@ -25,6 +25,11 @@ CORNER_NOISE_PX = 0.12
 TILT_NOISE_RAD = math.radians(8.0)
 MAX_TILT_SIGMAS = 3.0
 
+# The models of sensor_msgs (`distortion_models.hpp`), with the numbers of coefficients that OpenCV's functions take. Without a
+# name it is the first. Drivers name the first two alike.
+_POLYNOMIAL = (0, 4, 5, 8, 12, 14)
+DISTORTIONS = {"plumb_bob": _POLYNOMIAL, "rational_polynomial": _POLYNOMIAL, "equidistant": (0, 4)}
+
 MIN_AREA_PX2 = 1.0
 SAME_NORMAL_RAD = math.radians(0.3)
 MAX_STEPS = 30
@@ -32,24 +37,44 @@ MAX_STEPS = 30
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """A pinhole camera: the 3 x 3 matrix and OpenCV's distortion coefficients (empty: none); pixel centers at whole numbers."""
+    """A camera: the 3 x 3 matrix and OpenCV's distortion coefficients (empty: none); pixel centers at whole numbers.
+
+    `is_fisheye`: the coefficients are those of the equidistant model.
+    """
 
     matrix: Array
     distortion: Array
+    is_fisheye: bool = False
 
     @staticmethod
-    def from_camera_info(k: Array, d: Array, width_px: int) -> Intrinsics:
-        """Build from a CameraInfo's `k` (9) and `d`; if `k` is zero or not finite, the fallback for images `width_px` wide."""
+    def from_camera_info(k: Array, d: Array, width_px: int, model: str = "") -> Intrinsics:
+        """Build from a CameraInfo's `k` (9), `d` and distortion model.
+
+        If `k` is zero or not finite, it is the fallback for images `width_px` wide. Raises ValueError for another model, or a
+        number of coefficients that the model does not have.
+        """
+        if problem := distortion_problem(model, len(d)):
+            raise ValueError(problem)
         matrix = np.asarray(k, np.float64).reshape(3, 3)
         coefficients = np.asarray(d, np.float64).ravel()
         if np.isfinite(matrix).all() and matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0:
             usable = np.isfinite(coefficients).all() and np.any(coefficients)
-            return Intrinsics(matrix, coefficients if usable else np.zeros(0))
+            # An equidistant camera is none without a lens: its coefficients may be zero.
+            is_fisheye = model == "equidistant" and coefficients.size > 0
+            return Intrinsics(matrix, coefficients if usable or is_fisheye else np.zeros(0), is_fisheye)
         return Intrinsics.fallback(width_px)
 
     def scaled(self, factor: float) -> Intrinsics:
         """The same camera with images `factor` times as wide."""
-        return Intrinsics(self.matrix * np.array([[factor], [factor], [1.0]]), self.distortion)
+        return replace(self, matrix=self.matrix * np.array([[factor], [factor], [1.0]]))
+
+    def undistorted(self, pixels: Array) -> Array:
+        """Return where pixels (n, 2) would be without a distortion."""
+        if not self.distortion.size:
+            return pixels
+        undistort = cv2.fisheye.undistortPoints if self.is_fisheye else cv2.undistortPoints
+        found: Array = undistort(pixels.reshape(-1, 1, 2), self.matrix, self.distortion, P=self.matrix)
+        return found.reshape(-1, 2)
 
     @staticmethod
     def fallback(width_px: int) -> Intrinsics:
@@ -58,6 +83,16 @@ class Intrinsics:
         cx, cy = FALLBACK_CENTER_PX
         f = FALLBACK_FOCAL_PX * scale
         return Intrinsics(np.array([[f, 0.0, cx * scale], [0.0, f, cy * scale], [0.0, 0.0, 1.0]]), np.zeros(0))
+
+
+def distortion_problem(model: str, count: int) -> str:
+    """Return why a distortion model with so many coefficients cannot be used; empty if it can be."""
+    counts = DISTORTIONS.get(model or "plumb_bob")
+    if counts is None:
+        return f"distortion_model: expected {', '.join(DISTORTIONS)}, found {model[:40]!r}"
+    if count in counts:
+        return ""
+    return f"distortion_coefficients: expected {' or '.join(str(each) for each in counts)} numbers, found {count}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +136,9 @@ def tag_pose(corners: Array, intrinsics: Intrinsics, edge_m: float, up: Array | 
     pixels = np.asarray(corners, np.float64)
     if not np.isfinite(pixels).all():
         return None
-    if intrinsics.distortion.size:
-        pixels = cv2.undistortPoints(
-            pixels.reshape(4, 1, 2), intrinsics.matrix, intrinsics.distortion, P=intrinsics.matrix
-        ).reshape(4, 2)
+    pixels = intrinsics.undistorted(pixels)
+    if not np.isfinite(pixels).all():
+        return None  # beyond what the camera's model describes
     candidates = _solutions(pixels, intrinsics, edge_m)
     if not candidates:
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from types import ModuleType
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -51,6 +52,25 @@ def test_exact_corners_give_the_exact_pose(
     assert np.abs(pose.translation - translation).max() < 1e-4
     assert angle_between(pose.normal, rotation[:, 2]) < 0.01 or pose.other_error_px < 1e-3
     assert pose.error_px < 1e-6
+
+
+@pytest.mark.parametrize("model", ["equidistant", "plumb_bob", "rational_polynomial", ""])
+def test_pose_is_that_of_the_lens(tag_views: ModuleType, model: str) -> None:
+    """OpenCV, which owns the models, projects the corners."""
+    rotation, translation = tag_views.tag_rotation(0.3, 0.05, 0.2), np.array([0.35, -0.2, 0.7])
+    coefficients = np.array([-0.02, 0.01, -0.004, 0.001] if model == "equidistant" else [-0.2, 0.05, 0.001, -0.002])
+    place = (object_points(0.1).reshape(-1, 1, 3), cv2.Rodrigues(rotation)[0], translation.reshape(3, 1))
+    project_lens = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    corners = project_lens(*place, CAMERA, coefficients)[0].reshape(4, 2)
+    pose = present(tag_pose(corners, Intrinsics.from_camera_info(CAMERA, coefficients, 640, model), 0.1))
+    assert np.abs(pose.translation - translation).max() < 1e-3
+    assert angle_between(pose.normal, rotation[:, 2]) < 0.1
+
+
+@pytest.mark.parametrize(("model", "count"), [("fov", 4), ("equidistant", 5), ("plumb_bob", 3), ("", 6), ("", 15)])
+def test_unknown_distortion_is_named(model: str, count: int) -> None:
+    with pytest.raises(ValueError, match=r"^distortion_(model|coefficients): expected"):
+        Intrinsics.from_camera_info(CAMERA, np.full(count, 0.01), 640, model)
 
 
 def test_tag_axes_are_x_right_y_up_z_out_of_the_plate(tag_views: ModuleType) -> None:
