@@ -254,6 +254,9 @@ def _unit_faults(snapshot: Snapshot, units: Units, unit: Unit) -> Iterator[Findi
     elif broken and (starting := _starting(units, unit)):
         command = f"systemctl status {name}; systemctl list-jobs"
         yield _unit_down(snapshot, "unit-starting", unit, f"{name} {starting}", command, playbook="")
+    elif broken and unit.active == "deactivating":
+        command = f"systemctl status {name}; systemctl list-jobs"
+        yield _unit_down(snapshot, "unit-not-running", unit, f"{name} is being stopped ({unit.sub})", command, playbook="")
     elif unit.active == "inactive":
         yield _unit_down(
             snapshot, "unit-not-running", unit, f"{name} is installed but not running", f"sudo systemctl start {name}"

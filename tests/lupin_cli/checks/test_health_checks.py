@@ -294,6 +294,10 @@ def test_unit_that_never_gets_ready_is_named() -> None:
     (finding,) = root_findings(make_snapshot(laptop=lost_graph(), units=seen))
     assert finding.id == "unit-starting" and "for 60 s" in finding.cause
     assert ids(make_snapshot(units=seen)) == [], "a robot that boots"
+    stopping = units(lupin_onboard={"active": "deactivating", "sub": "stop-sigterm"})
+    (finding,) = root_findings(make_snapshot(laptop=lost_graph(), units=stopping))
+    assert finding.id == "unit-not-running" and "is being stopped (stop-sigterm)" in finding.cause
+    assert ids(make_snapshot(units=stopping)) == [], "all data still arrives"
     booting = dataclasses.replace(units(mirte_ros={**starting["lupin_onboard"], "sub": "start-pre"}), uptime_s=42.0)
     (finding,) = root_findings(make_snapshot(laptop=lost_graph(), units=booting))
     assert finding.id == "vendor-service-down" and "for 2 s" in finding.cause
