@@ -37,11 +37,14 @@ from lupin_cli.link.path import (
     UP,
     Path,
 )
+from lupin_cli.link.quality import Ping
 
 OFTEN_LOST = 0.2  # of one way: what was heard may not be heard again
 BY_CHANCE = "by chance"  # what a finding is about, if so much is lost that all data arrived by chance
 OVER_SSH_MS = 1000.0  # that late, no robot that is only busy answers
 ETHERNET_MTU = 1500
+BURST_LOSS, MOST_OF_BURST = 0.15, 0.4  # of 40 pings at once: more than a wireless link loses at random, and most one way
+_LIMITS_RATE = "slowly sent ones pass: something limits their rate"
 
 
 def find_lost_large(snapshot: Snapshot, path: Path, direction: str, random_loss: float) -> Iterator[Finding]:
@@ -104,6 +107,11 @@ def find_lost_large_pings(snapshot: Snapshot, path: Path) -> Iterator[Finding]:
     )
 
 
+def loses_bursts(at_once: Ping | None) -> bool:
+    """Return whether pings that were sent at once were lost; without any answer, ping is filtered, or the robot is off."""
+    return at_once is not None and at_once.received > 0 and at_once.loss > BURST_LOSS
+
+
 def find_loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterator[Finding]:
     """Yield a finding if packets are lost at random, or come late; it is a warning while everything arrives nevertheless."""
     small = {direction: burst for direction in (UP, DOWN) if (burst := small_burst(path, direction))}
@@ -112,13 +120,17 @@ def find_loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterato
     ping = path.ping
     if not small and ping is not None and 0 < ping.received < ping.sent - 1:
         losses = {"there and back": ping.loss}
+    at_once = path.burst_ping if not losses and loses_bursts(path.burst_ping) else None
+    if at_once is not None:
+        losses = {"that are sent at once there and back": at_once.loss}
     rtt_ms = _round_trip_ms(snapshot, path)
     if not losses and rtt_ms < LATE_MS:
         return
     parts = [f"{loss:.0%} of the packets {direction} are lost" for direction, loss in losses.items()]
     paced = [burst for direction in lossy if (burst := path.paced(direction))]
     if any(is_limited(path, burst.direction) and burst.delivered > PASSES for burst in paced):
-        parts.append("slowly sent ones pass: something limits their rate")
+        parts.append(_LIMITS_RATE)
+    parts += [_LIMITS_RATE] if at_once is not None else []
     parts += [f"a round trip takes {rtt_ms:.0f} ms"] if rtt_ms >= LATE_MS else []
     evidence = [burst.line() for burst in (*small.values(), *paced)]
     if rtt_ms >= OVER_SSH_MS:
@@ -141,7 +153,7 @@ def find_loss_and_delay(snapshot: Snapshot, path: Path, broken: bool) -> Iterato
     # Programs that join meet each other with a burst of packets: they fail at times while those of this visit did not.
     # A ping must pass twice.
     one_way = [1.0 - burst.delivered for burst in lossy.values()] or [1.0 - (1.0 - loss) ** 0.5 for loss in losses.values()]
-    most_lost = max(one_way, default=0.0) > MOSTLY_LOST
+    most_lost = max(one_way, default=0.0) > MOSTLY_LOST or (at_once is not None and at_once.loss > MOST_OF_BURST)
     is_luck = max(one_way, default=0.0) > OFTEN_LOST
     hinders = broken or most_lost or (snapshot.link is not None and not snapshot.link.reachable)
     yield make_finding(

@@ -6,7 +6,7 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from lupin_cli.checks.findings import FINDINGS
 from lupin_cli.checks.ground_truth import State, measure
 from lupin_cli.checks.layers import STAMPS
 from lupin_cli.checks.packet_filter import SSH_PORT
+from lupin_cli.checks.path_losses import loses_bursts
 from lupin_cli.checks.stale_resources import AT_RISK, MEMORY_AT_RISK
 from lupin_cli.connection.base import Target, TargetError
 from lupin_cli.connection.destination import parse_destination
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from lupin_cli.connection.ssh import SshTarget
     from lupin_cli.facts.clock import Offset
     from lupin_cli.link.path import Path
+    from lupin_cli.link.quality import Ping
     from lupin_cli.playbook import Event
 
 # A fix can reveal another cause. Three rounds are more than any pair of known faults needs.
@@ -41,7 +43,6 @@ MAX_FIX_ROUNDS = 3
 MAX_PARALLEL_ROBOTS = 20
 PATH_CHECKS = tuple(check.name for check in path_checks.CHECKS)
 SLOW_ROUND_TRIP_S, LATE_ROUND_TRIP_S, HOPELESS_ROUND_TRIP_S = 0.1, 0.3, 1.0
-BURST_LOSS = 0.15  # of 40 packets: more than a wireless link loses at random
 LATE_VISIT_S = 4.0  # a visit of a working robot takes about two; a lost discovery packet is sent again seconds later
 CLOCK_CHECK = "clock.drift"
 MANY_TIMEOUTS = 3  # of a robot's probes
@@ -182,6 +183,7 @@ class DoctorSession:
         self.scope = scope
         self._on_layer = on_layer
         self._target: SshTarget | None = None
+        self._burst: Future[Ping | None] | None = None
 
     def examine(self, laptop_facts: Callable[[], Facts] | None = None, addresses: Sequence[str] = ()) -> DoctorResult:
         """Gather the facts of both machines and run the checks.
@@ -191,7 +193,7 @@ class DoctorSession:
         """
         scope, own_addresses = self.scope, self.scope.addresses()
         with ThreadPoolExecutor(max_workers=1, thread_name_prefix="burst") as pool:
-            loses_bursts = pool.submit(self._loses_bursts)
+            self._burst = pool.submit(self._ping_at_once)
             snapshot = gather_snapshot(
                 scope.checks,
                 scope.laptop,
@@ -209,7 +211,7 @@ class DoctorSession:
             or _answers_are_missing(snapshot)
             # The next program that joins may not be as lucky.
             or measure(snapshot).visit_s > LATE_VISIT_S
-            or (snapshot.link is not None and snapshot.link.reachable and loses_bursts.result())
+            or (snapshot.link is not None and snapshot.link.reachable and loses_bursts(self._burst.result()))
         ):
             snapshot = replace(snapshot, path=self._measure_path(snapshot))
             diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
@@ -230,18 +232,16 @@ class DoctorSession:
             return DoctorResult(snapshot, diagnosis)
         return DoctorResult(with_followups, diagnose(scope.checks, with_followups, scope.plugin_errors))
 
-    def _loses_bursts(self) -> bool:
-        """Return whether packets to the robot that are sent at once are lost, as far as this user can see that."""
+    def _ping_at_once(self) -> Ping | None:
+        """Ping the robot's address; None without one, if this user cannot, or if no check that needs it was selected."""
         addresses = self.scope.addresses()
         if not addresses or not addresses[0].replace(".", "").isdigit():
-            return False
+            return None
         if not any(check.name in PATH_CHECKS for check in self.scope.checks):
-            return False
+            return None
         from lupin_cli.link.quality import echo_burst
 
-        found = echo_burst(addresses[0])
-        # Without an answer at all, it is the ping that is filtered, or the robot that is off.
-        return found is not None and found.received > 0 and found.loss > BURST_LOSS
+        return echo_burst(addresses[0])
 
     def _measure_path(self, snapshot: Snapshot) -> Path | None:
         """Measure the path to the robot's address that this shell's DDS uses; None if no check that needs it was selected."""
@@ -255,7 +255,9 @@ class DoctorSession:
         robot = self._target if snapshot.link.reachable and not _takes_too_long(snapshot) else None
         knocks = snapshot.link.kind == "timeout" or snapshot.link.unasked
         sshd = (snapshot.link.address, self._sshd_port()) if knocks else None
-        return measure_from(self.scope.laptop, robot, address, self._on_layer, sshd)
+        path = measure_from(self.scope.laptop, robot, address, self._on_layer, sshd)
+        own = self._burst is not None and address in self.scope.addresses()[:1]
+        return replace(path, burst_ping=self._burst.result()) if own and self._burst is not None else path
 
     def _sshd_port(self) -> int:
         from lupin_cli.connection.options import destinations

@@ -197,6 +197,7 @@ class Path:
     robot: End | None = None
     bursts: tuple[Burst, ...] = ()
     ping: Ping | None = None
+    burst_ping: Ping | None = None  # sent at once, if they were sent
     large_ping: Ping | None = None  # of LARGE_PING_BYTES, if small ones are answered and the robot's end cannot be asked
     answers: Mapping[int, str] = field(default_factory=dict)  # what a datagram to a port of the robot gave: `Agent.answers`
     unread: tuple[UnreadSocket, ...] = ()

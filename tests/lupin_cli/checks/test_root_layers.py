@@ -99,8 +99,8 @@ class Row:
             self.robot_end,
             bursts,
             self.ping,
-            self.large_ping,
-            self.answers,
+            answers=self.answers,
+            large_ping=self.large_ping,
             knock=self.knock,
             filters=self.filters,
         )
@@ -434,6 +434,26 @@ def test_loss_of_most_packets_is_a_problem_whatever_arrives(arrived: int, severi
     laptop = replace(row.snapshot.laptop, values={**row.snapshot.laptop.values, "graph": Graphs((received(),))})
     diagnosis = diagnose((*GROUND_TRUTH, *LINK, *PATH), replace(row.snapshot, laptop=laptop))
     assert [(root.finding.id, root.finding.severity) for root in diagnosis.roots] == [("packets-lost", severity)]
+
+
+@pytest.mark.parametrize(
+    ("received_pings", "severity"), [(20, Severity.PROBLEM), (30, Severity.WARNING), (36, None), (0, None)]
+)
+@pytest.mark.parametrize("shaped", [False, True])
+@pytest.mark.parametrize("robot_end", [None, ROBOT_END])
+def test_lost_pings_that_were_sent_at_once_tell_of_a_limit(
+    received_pings: int, severity: Severity | None, shaped: bool, robot_end: End | None
+) -> None:
+    end = replace(LAPTOP_END, shaping=("qdisc tbf 8001: root rate 384Kbit",)) if shaped else LAPTOP_END
+    row = Row("loss", set(), robot_end=robot_end, laptop_end=end)
+    laptop = replace(row.snapshot.laptop, values={**row.snapshot.laptop.values, "graph": Graphs((received(),))})
+    path = replace(present(row.snapshot.path), burst_ping=Ping(40, received_pings, (5.0,) * received_pings))
+    link = replace(present(row.snapshot.link), kind="", message="")
+    diagnosis = diagnose((*GROUND_TRUTH, *LINK, *PATH), replace(row.snapshot, laptop=laptop, path=path, link=link))
+    where = "laptop" if shaped else "link"
+    found = [(root.finding.id, root.finding.where, root.finding.severity) for root in diagnosis.roots]
+    assert found == ([("packets-lost", where, severity)] if severity is not None else [])
+    assert (present(diagnosis.ground_truth).state is State.UNOBSERVED) == (severity is Severity.PROBLEM)
 
 
 @pytest.mark.parametrize(("received_pings", "severity"), [(3, Severity.PROBLEM), (8, Severity.WARNING)])
