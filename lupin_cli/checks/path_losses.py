@@ -35,6 +35,7 @@ from lupin_cli.link.path import (
     LARGE_PING_BYTES,
     TOO_LONG,
     UP,
+    Burst,
     Path,
 )
 from lupin_cli.link.quality import Ping
@@ -43,6 +44,7 @@ OFTEN_LOST = 0.2  # of one way: what was heard may not be heard again
 BY_CHANCE = "by chance"  # what a finding is about, if so much is lost that all data arrived by chance
 OVER_SSH_MS = 1000.0  # that late, no robot that is only busy answers
 ETHERNET_MTU = 1500
+TWICE = 1.15  # frames that come in for each that left; others go the same way
 BURST_LOSS, MOST_OF_BURST = 0.15, 0.4  # of 40 pings at once: more than a wireless link loses at random, and most one way
 _LIMITS_RATE = "slowly sent ones pass: something limits their rate"
 
@@ -55,6 +57,9 @@ def find_lost_large(snapshot: Snapshot, path: Path, direction: str, random_loss:
         lost = [burst for burst in path.of(direction, size) if burst.delivered < 0.4 * expected]
         if not lost or expected < 0.5:
             continue
+        if size == FRAGMENTED_BYTES and arrives_twice(lost[0]):
+            yield _unjoined(snapshot, lost[0])
+            return
         ends = [end for end in (path.laptop, path.robot) if end is not None]
         by_tunnel = any(is_tunnel(end.interface) for end in ends)
         fragments_pass = size == DDS_BYTES and any(
@@ -80,6 +85,25 @@ def find_lost_large(snapshot: Snapshot, path: Path, direction: str, random_loss:
             about=direction,
         )
         return
+
+
+def arrives_twice(burst: Burst) -> bool:
+    """Return whether more frames came in at the receiver than had left the sender."""
+    return bool(burst.left) and (burst.reached or 0) > TWICE * (burst.left or 0)
+
+
+def _unjoined(snapshot: Snapshot, burst: Burst) -> Finding:
+    """Return the finding that fragments arrive twice: what is left of each packet takes memory that others need."""
+    return make_finding(
+        "packets-lost",
+        where="link",
+        cause=f"frames {TO[burst.direction]} arrive twice, and packets of {burst.size} bytes are lost at the {burst.receiver}: "
+        "what is left of their fragments fills the memory in which its kernel joins them",
+        evidence=(burst.line(),),
+        explains={ground_truth.UNEXPLAINED},
+        breaks=(),
+        **try_another_transport(snapshot),
+    )
 
 
 def find_lost_large_pings(snapshot: Snapshot, path: Path) -> Iterator[Finding]:

@@ -237,6 +237,8 @@ ROWS = (
         more=(too_long(UP), fragmented(UP, 20), large(DOWN, 0), fragmented(DOWN, 20))),
     Row("mtu, of a laptop whose fragments pass", {("samples", "link")}, laptop_end=replace(LAPTOP_END, mtu=600),
         more=(too_long(UP), fragmented(UP, 20))),
+    Row("loss, fragments that arrive twice are not joined", {("loss", "link")},
+        more=(large(UP, 20), replace(fragmented(UP, 0), left=120, reached=155))),
     Row("mtu, fragments lost in a tunnel", {("mtu", "link")}, **BY_TUNNEL,
         more=(too_long(UP), fragmented(UP, 0))),
     # -- loss: packets to any port
