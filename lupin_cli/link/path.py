@@ -41,7 +41,7 @@ ARP_TRIES = 3  # how often a burst is sent whose packets ARP may have taken away
 IDLE_S = 0.3
 UNREAD_AFTER_S = 0.4  # a program that runs has read its socket by then, even on a busy robot
 # A link that loses most packets answers some of them, and one that is very late answers after all.
-PINGS, PING_INTERVAL_S, PING_TIMEOUT_S = 20, 0.05, 3.0
+PINGS, PING_INTERVAL_S, PING_TIMEOUT_S = 20, 0.05, 2.5
 LARGE_PINGS, LARGE_PING_BYTES = 6, 1472 - 4  # a full frame of Ethernet, but for four bytes that a VLAN may take
 UP, DOWN = "up", "down"  # to the robot, to the laptop
 
