@@ -113,7 +113,7 @@ def table_name(rng: random.Random) -> str:
 def drop_in(verb: str, unit: str, text: str, layer: str, what: str, effect: Effect = Effect.BREAKS) -> Fault:
     """Return a fault that changes a unit of the robot by a file beside the unit's own, and restarts it."""
     folder = f"/etc/systemd/system/{unit}.service.d"
-    file = f"{folder}/90-local.conf"
+    file = f"{folder}/local.conf"
     make = f"mkdir -p {folder}\nprintf '{text}\\n' > {file}\nsystemctl daemon-reload\nsystemctl restart --no-block {unit}"
     revive = RESTART_STACK if unit == "mirte-ros" else f"systemctl reset-failed {unit} || true\nsystemctl restart {unit}"
     undo = f"rm -f {file}\nsystemctl daemon-reload\n{revive}"

@@ -127,7 +127,7 @@ def break_unit(rng: random.Random) -> Fault:
     if rng.random() < 0.5:
         return drop_in("edit", unit, "[Service]\\nExecStartPre=/bin/sleep 900", "processes", "ExecStartPre=/bin/sleep 900")
     folder = f"/etc/systemd/system/{unit}.service.d"
-    file = f"{folder}/90-local.conf"
+    file = f"{folder}/local.conf"
     make = (
         f"systemctl stop {unit}\nmkdir -p {folder}\nprintf '[Service]\\nExecStart=\\n' > {file}\n"
         f"systemctl daemon-reload\nsystemctl start --no-block {unit} || true"
