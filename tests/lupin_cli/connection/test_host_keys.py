@@ -294,6 +294,7 @@ def test_changed_key_of_the_system_is_left_to_its_admin(sshd: Sshd, tmp_path: Pa
     assert caught.value.next_command == f"sudo ssh-keygen -R '{sshd.destination.known_as}' -f {file}"
 
 
+@pytest.mark.usefixtures("sshd")  # which is skipped where there is none
 def test_generated_files_are_decided_as_by_ssh() -> None:
     decisions, differences = compare(20, seed=5)
     assert differences == [] and sum(decisions.values()) == 20
@@ -301,6 +302,7 @@ def test_generated_files_are_decided_as_by_ssh() -> None:
 
 @pytest.mark.long
 @pytest.mark.timeout(1200)
+@pytest.mark.usefixtures("sshd")
 def test_1000_generated_files_are_decided_as_by_ssh() -> None:
     decisions, differences = compare(1000, seed=1)
     assert differences == [] and {"OK", "NEW", "CHANGED", "REVOKED"} <= set(decisions)

@@ -213,11 +213,16 @@ def test_later_hop_ignores_its_own_jump_and_first_has_it(write_config: WriteConf
         ("ssh://a%40b@gate", ("a@b", "gate", 0)),
         ("user@corp.example@gate:7", ("user@corp.example", "gate", 7)),
         ("[2001:db8::1]:7", ("", "2001:db8::1", 7)),
-        ("gate:ssh", ("", "gate", 22)),
     ],
 )
 def test_hop_is_parsed_as_openssh_does(text: str, expected: tuple[str, str, int]) -> None:
     assert parse_hop(text) == expected
+
+
+def test_port_of_a_hop_may_be_a_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As /etc/services names it, which a small system lacks."""
+    monkeypatch.setattr("socket.getservbyname", lambda *_: 22)
+    assert parse_hop("gate:ssh") == ("", "gate", 22)
 
 
 @pytest.mark.parametrize("text", ["", "@gate", "gate:x", "gate:0", "ssh://gate/path", "ssh://gate:7/path", "[::1", "a@"])
