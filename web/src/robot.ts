@@ -14,7 +14,7 @@ import { LinkLost, type LinkState, Rosbridge, type Socket } from "@/ros/rosbridg
 import { TopicStore } from "@/ros/topics";
 import { followTabs, isWatching, useTabRole } from "@/safety/commanding_tab";
 import { type Blocker, Driver, type Velocity, ZERO, isZero } from "@/safety/drive";
-import { elsewhere, goElsewhere } from "@/safety/elsewhere";
+import { elsewhere, goElsewhere, StopOfConsole } from "@/safety/elsewhere";
 import { followFocus } from "@/safety/focus";
 import { releaseStop } from "@/safety/release";
 import { type Holder, StopGate, type StopReason } from "@/safety/stop_gate";
@@ -135,12 +135,15 @@ function sendVelocity(velocity: Velocity): void {
   noteVelocity(name, twist(velocity), !isZero(velocity), sent);
 }
 
+/** What an operator of such a page stops is the robot that is near too. */
+const nearStop = new StopOfConsole((body) => postJson("/_api/stop", body));
+
 export const gate = new StopGate({
   stateStop: (engaged, press) => {
     const wasSent = link.publish(TOPICS.HMI_ESTOP.name, TOPICS.HMI_ESTOP.type, { data: engaged }, press);
     noteStop(TOPICS.HMI_ESTOP.name, engaged, wasSent);
     if (engaged && wasSent) useGate.setState({ wasSent });
-    if (elsewhere() !== null) stateToConsole(engaged, press);
+    if (elsewhere() !== null) nearStop.state(engaged, press);
   },
   zero: () => sendVelocity(ZERO),
   cancelGoals,
@@ -153,18 +156,6 @@ export const gate = new StopGate({
     if (state.engaged) driver.letGo();
   },
 });
-
-/** What was last stated to the console of a page that shows another robot. */
-let toldConsole: { engaged: boolean; press: string } | null = null;
-
-/** State the stop of such a page to its console too: an operator who presses it means the robot that is near. */
-function stateToConsole(engaged: boolean, press: string): void {
-  if (toldConsole?.engaged === engaged && toldConsole.press === press) return;
-  toldConsole = { engaged, press };
-  postJson("/_api/stop", engaged ? { engaged, press } : { engaged, presses: [press] }).catch(() => {
-    toldConsole = null; // it is repeated with the next statement
-  });
-}
 
 function holderOf(state: ConsoleState): Holder {
   if (state.control.holder === null) return "nobody";

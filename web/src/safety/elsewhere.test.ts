@@ -1,0 +1,47 @@
+import { afterEach, beforeEach, expect, it, vi } from "vitest";
+import { StopOfConsole } from "./elsewhere";
+
+beforeEach(() => void vi.useFakeTimers());
+afterEach(() => void vi.useRealTimers());
+
+/** A console that does not answer the first `lost` requests. */
+function openStop(lost: number) {
+  const told: unknown[] = [];
+  const post = vi.fn((body: unknown) => {
+    if (post.mock.calls.length <= lost) return Promise.reject(new Error("lost"));
+    told.push(body);
+    return Promise.resolve({});
+  });
+  return { stop: new StopOfConsole(post), told, post };
+}
+
+it("states a stop once, however often the page repeats it", async () => {
+  const { stop, post } = openStop(0);
+  for (let times = 0; times < 5; times += 1) stop.state(true, "a");
+  await vi.advanceTimersByTimeAsync(5000);
+  expect(post.mock.calls).toEqual([[{ engaged: true, press: "a" }]]);
+});
+
+it.each([true, false])("repeats what got no answer, engaged %s, until it has one", async (engaged) => {
+  const { stop, told, post } = openStop(3);
+  stop.state(engaged, "a");
+  await vi.advanceTimersByTimeAsync(10_000);
+  expect(post).toHaveBeenCalledTimes(4);
+  expect(told).toEqual([engaged ? { engaged, press: "a" } : { engaged, presses: ["a"] }]);
+});
+
+it("no longer repeats a stop that was let go of meanwhile", async () => {
+  const { stop, told } = openStop(1);
+  stop.state(true, "a");
+  stop.state(false, "a");
+  await vi.advanceTimersByTimeAsync(10_000);
+  expect(told).toEqual([{ engaged: false, presses: ["a"] }]);
+});
+
+it("lets go of an earlier press although a later one holds", async () => {
+  const { stop, told } = openStop(1);
+  stop.state(false, "a");
+  stop.state(true, "b");
+  await vi.advanceTimersByTimeAsync(10_000);
+  expect(told).toEqual([{ engaged: true, press: "b" }, { engaged: false, presses: ["a"] }]);
+});
