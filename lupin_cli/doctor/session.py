@@ -256,8 +256,9 @@ class DoctorSession:
         knocks = snapshot.link.kind == "timeout" or snapshot.link.unasked
         sshd = (snapshot.link.address, self._sshd_port()) if knocks else None
         path = measure_from(self.scope.laptop, robot, address, self._on_layer, sshd)
-        own = self._burst is not None and address in self.scope.addresses()[:1]
-        return replace(path, burst_ping=self._burst.result()) if own and self._burst is not None else path
+        if self._burst is None or address not in self.scope.addresses()[:1]:
+            return path
+        return replace(path, burst_ping=self._burst.result())
 
     def _sshd_port(self) -> int:
         from lupin_cli.connection.options import destinations

@@ -11,7 +11,7 @@ from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.bounded_file import NotUtf8, read_bounded_text
 from lupin_runtime.cpp_number import parse_number
 from lupin_runtime.perception.tag_pose_estimation import Intrinsics
-from lupin_runtime.yaml_text import compose_yaml
+from lupin_runtime.yaml_fields import YamlFields
 
 MAX_BYTES = 1 << 20
 _OPENCV_HEADER = "%YAML:1.0"  # of OpenCV 4 and earlier; no directive of YAML
@@ -26,21 +26,14 @@ def load_calibration(path: Path) -> tuple[Intrinsics, int]:
         content = read_bounded_text(path, MAX_BYTES)
     except NotUtf8 as error:
         raise MalformedFile(path, error.line, error.problem) from error
-    try:
-        root = compose_yaml(content.replace(_OPENCV_HEADER, "#", 1) if content.startswith(_OPENCV_HEADER) else content)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise MalformedFile(path, None, f"not YAML: {error}") from error
-    if not isinstance(root, yaml.MappingNode):
-        raise MalformedFile(path, None, "expected a calibration, with camera_matrix and image_width")
-    fields = _Fields(path, root)
+    text = content.replace(_OPENCV_HEADER, "#", 1) if content.startswith(_OPENCV_HEADER) else content
+    fields = _Fields(path, text, "a calibration, with camera_matrix and image_width")
     matrix = fields.numbers("camera_matrix")
     width = fields.scalar("image_width")
     if len(matrix) != 9 or matrix[0] <= 0.0 or matrix[4] <= 0.0:
-        raise MalformedFile(
-            path, fields.line("camera_matrix"), "camera_matrix: expected nine numbers with focal lengths above 0"
-        )
+        raise fields.refuse("camera_matrix", "expected nine numbers with focal lengths above 0")
     if not (width.isascii() and width.isdigit() and 0 < int(width) < 1 << 20):
-        raise MalformedFile(path, fields.line("image_width"), f"image_width: expected pixels, found {width[:40]!r}")
+        raise fields.refuse("image_width", f"expected pixels, found {width[:40]!r}")
     distortion = fields.numbers("distortion_coefficients", required=False)
     try:
         camera = Intrinsics.from_camera_info(
@@ -52,30 +45,21 @@ def load_calibration(path: Path) -> tuple[Intrinsics, int]:
     return camera, int(width)
 
 
-class _Fields:
-    """The values of a mapping as text, whatever type YAML gives them; errors name the line of the key."""
-
-    def __init__(self, path: Path, root: yaml.MappingNode) -> None:
-        self._path = path
-        self._nodes = {key.value: value for key, value in reversed(root.value) if isinstance(key, yaml.ScalarNode)}
-
-    def line(self, key: str) -> int | None:
-        """Return the line of a value; None without the key."""
-        node = self._nodes.get(key)
-        return node.start_mark.line + 1 if node is not None else None
+class _Fields(YamlFields):
+    """The values of a calibration."""
 
     def scalar(self, key: str, *, required: bool = True) -> str:
         """Return a plain value; empty without one that is not required."""
-        node = self._nodes.get(key)
+        node = self.nodes.get(key)
         if isinstance(node, yaml.ScalarNode):
             return str(node.value).strip()
         if node is None and not required:
             return ""
-        raise MalformedFile(self._path, self.line(key), f"{key}: expected a plain value")
+        raise self.refuse(key, "expected a plain value")
 
     def numbers(self, key: str, *, required: bool = True) -> list[float]:
         """Return the numbers of the entry `data` of a matrix; none without one that is not required."""
-        node = self._nodes.get(key)
+        node = self.nodes.get(key)
         if node is None and not required:
             return []
         entries = node.value if isinstance(node, yaml.MappingNode) else ()
@@ -83,8 +67,8 @@ class _Fields:
         items = data.value if isinstance(data, yaml.SequenceNode) else None
         values = [parse_number(item.value) if isinstance(item, yaml.ScalarNode) else None for item in items or ()]
         if items is None or any(value is None for value in values):
-            raise MalformedFile(self._path, self.line(key), f"{key}: expected an entry data with a list of numbers")
+            raise self.refuse(key, "expected an entry data with a list of numbers")
         found = [value for value in values if value is not None]
         if not np.isfinite(found).all():
-            raise MalformedFile(self._path, self.line(key), f"{key}: expected finite numbers")
+            raise self.refuse(key, "expected finite numbers")
         return found

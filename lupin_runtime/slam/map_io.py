@@ -20,7 +20,7 @@ from lupin_runtime.bounded_file import expand_home, read_bounded_text
 from lupin_runtime.cpp_number import parse_number
 from lupin_runtime.gridmap import OCCUPIED, UNKNOWN, GridMap
 from lupin_runtime.slam.map_image import WHITE, MapImage, read_map_image
-from lupin_runtime.yaml_text import compose_yaml
+from lupin_runtime.yaml_fields import YamlFields
 
 MODES = ("trinary", "scale", "raw")
 # Pixel 205 must read back as unknown: its shade, 0.19608, is above 0.196 but below the 0.25 that Nav2's map saver writes.
@@ -172,18 +172,7 @@ def _upright(grid: GridMap, yaw: float) -> GridMap:
 
 
 def _read_header(path: Path) -> _Header:
-    text = read_bounded_text(path, errors="replace")
-    try:
-        root = compose_yaml(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or "not YAML"
-        raise MalformedFile(path, mark.line + 1 if mark else None, str(problem)) from None
-    except RecursionError:
-        raise MalformedFile(path, None, "brackets are nested too deeply to be read") from None
-    if not isinstance(root, yaml.MappingNode):
-        raise MalformedFile(path, 1, "expected keys such as image, resolution, origin")
-    fields = _Fields(path, root)
+    fields = _Fields(path, read_bounded_text(path, errors="replace"), "keys such as image, resolution, origin")
     origin = fields.numbers("origin", ("x", "y", "yaw"))
     header = _Header(
         image=fields.text("image"),
@@ -195,79 +184,57 @@ def _read_header(path: Path) -> _Header:
         mode=fields.mode(),
     )
     if header.free > header.occupied or (header.free == header.occupied and header.mode == "scale"):
-        raise MalformedFile(
-            path,
-            fields.line("free_thresh"),
-            f"free_thresh {header.free} must be below occupied_thresh {header.occupied}",
-        )
+        problem = f"free_thresh {header.free} must be below occupied_thresh {header.occupied}"
+        raise MalformedFile(path, fields.line("free_thresh"), problem)
     return header
 
 
-class _Fields:
-    """The checked values of a YAML mapping, which are text as for yaml-cpp; errors name the line of the key."""
-
-    def __init__(self, path: Path, root: yaml.MappingNode) -> None:
-        self._path = path
-        self._nodes: dict[str, yaml.Node] = {}
-        for key, value in root.value:
-            if isinstance(key, yaml.ScalarNode):
-                self._nodes.setdefault(key.value, value)  # of a key that is given twice, yaml-cpp takes the first
-
-    def line(self, key: str) -> int | None:
-        node = self._nodes.get(key)
-        return node.start_mark.line + 1 if node is not None else None
-
-    def _node(self, key: str) -> yaml.Node:
-        if key not in self._nodes:
-            raise MalformedFile(self._path, None, f"the key {key!r} is missing")
-        return self._nodes[key]
-
-    def _refuse(self, key: str, problem: str) -> MalformedFile:
-        return MalformedFile(self._path, self.line(key), f"{key}: {problem}")
+class _Fields(YamlFields):
+    """The checked values of a map's YAML."""
 
     def text(self, key: str) -> str:
-        node = self._node(key)
+        node = self.node(key)
         if not isinstance(node, yaml.ScalarNode) or not node.value:
-            raise self._refuse(key, f"expected a file name, found {_shown(node)}")
+            raise self.refuse(key, f"expected a file name, found {_shown(node)}")
         return str(node.value)
 
     def mode(self) -> str:
-        if "mode" not in self._nodes:
+        if "mode" not in self.nodes:
             return MODES[0]
         mode = self.text("mode").lower()
         if mode not in MODES:
-            raise self._refuse("mode", f"expected one of {', '.join(MODES)}, found {mode!r}")
+            raise self.refuse("mode", f"expected one of {', '.join(MODES)}, found {mode!r}")
         return mode
 
     def negate(self) -> bool:
-        if "negate" not in self._nodes:
+        if "negate" not in self.nodes:
             return False
         text = self.text("negate")
         value = _NEGATE.get(text.lower()) if text in (text.lower(), text.upper(), text.capitalize()) else None
         if value is None:
-            raise self._refuse("negate", f"expected 0, 1 or a truth value, found {text!r}")
+            raise self.refuse("negate", f"expected 0, 1 or a truth value, found {text!r}")
         return value == 1
 
     def number(self, key: str, low: float, high: float) -> float:
-        value = self._number(key, key, self._node(key))
+        value = self._number(key, key, self.node(key))
         if value is None or not low <= value <= high:
-            raise self._refuse(key, f"expected a number from {low:g} to {high:g}, found {_shown(self._node(key))}")
+            raise self.refuse(key, f"expected a number from {low:g} to {high:g}, found {_shown(self.node(key))}")
         return value
 
     def numbers(self, key: str, names: tuple[str, ...]) -> list[float]:
-        node = self._node(key)
+        node = self.node(key)
         items = node.value if isinstance(node, yaml.SequenceNode) else []
         values = [self._number(key, name, item) for name, item in zip(names, items)]
         good = [value for value in values if value is not None and abs(value) <= _MAX_ORIGIN_M]
         if len(items) != len(names) or len(good) != len(names):
-            raise self._refuse(key, f"expected {len(names)} numbers ({', '.join(names)}), found {_shown(node)}")
+            raise self.refuse(key, f"expected {len(names)} numbers ({', '.join(names)}), found {_shown(node)}")
         return good
 
     def _number(self, key: str, name: str, node: yaml.Node) -> float | None:
         """Return the number of a node, None if it is none. Raises MalformedFile for NaN."""
         value = parse_number(str(node.value)) if isinstance(node, yaml.ScalarNode) else None
         if value is not None and math.isnan(value):
-            raise self._refuse(key, f"the {name} is NaN: whatever wrote this file had no value for it; write a number")
+            raise self.refuse(key, f"the {name} is NaN: whatever wrote this file had no value for it; write a number")
         return value
 
 
