@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
 from tests.support.waiting import WAIT_S, wait_until
+from tests.support.watchdog_clock import WatchdogClock
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
@@ -83,7 +84,12 @@ class GraphHost:
     def __init__(self) -> None:
         import rclpy
 
+        from lupin_runtime.ros import LupinNode
+
         self.context = rclpy
+        self.clock = WatchdogClock()
+        self._real_clock = LupinNode.monotonic_ns
+        LupinNode.monotonic_ns = self.clock  # type: ignore[method-assign]
         rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         self._running: list[tuple[Any, Any, threading.Thread, Any]] = []
         self._errors: list[BaseException] = []
@@ -116,6 +122,11 @@ class GraphHost:
         Fails the test after `timeout_s`. Raises the first exception of a node's callback, if there was one.
         """
         return wait_until(condition, what, timeout_s, interval_s=0.002, each=self._raise_error)
+
+    def until_expired(self, condition: Callable[[], Any], what: str) -> Any:
+        """Wait like `until` for what a watchdog does, with watchdogs that wait as long as in the field."""
+        with self.clock.real():
+            return self.until(condition, what=what)
 
     def _raise_error(self) -> None:
         if self._errors:
@@ -151,12 +162,15 @@ class GraphHost:
 
     def close(self) -> None:
         """Stop all nodes. Raises the first exception of a callback, which fails a test that has not waited since."""
+        from lupin_runtime.ros import LupinNode
+
         while self._running:
             try:
                 self._stop(*self._running.pop())
             except Exception as error:  # the other nodes must be stopped too, or they disturb the next tests
                 self._errors.append(error)
         self.context.try_shutdown()
+        LupinNode.monotonic_ns = staticmethod(self._real_clock)  # type: ignore[method-assign]
         if self._errors:
             raise self._errors[0]
 
@@ -167,6 +181,12 @@ def graph_host() -> Iterator[GraphHost]:
     host = GraphHost()
     yield host
     host.close()
+
+
+@pytest.fixture
+def slow_watchdogs(graph_host: GraphHost) -> None:
+    """Let the watchdogs of all nodes of this test wait ten times as long, but in `until_expired`."""
+    graph_host.clock.slow_down(10)
 
 
 @pytest.fixture(scope="session")

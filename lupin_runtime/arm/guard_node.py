@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -54,7 +53,7 @@ class ArmGuard(LupinNode):
 
     def _on_estop(self, engaged: bool) -> None:
         was_engaged, self._estop_engaged = self._estop_engaged, engaged
-        self._hold.estop(engaged, time.monotonic_ns())
+        self._hold.estop(engaged, self.monotonic_ns())
         if self._acts and (engaged or was_engaged):
             self._canceler.cancel_all()  # also with the release: a goal may have arrived just before it
 
@@ -62,7 +61,7 @@ class ArmGuard(LupinNode):
         self._hold.trajectory(poses_of(message), self._new_pose())
 
     def _on_tick(self) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = self.monotonic_ns()
         body_responds = not names_process(LupinNode.motion_hold(), BODY)
         acted, self._acts = self._acts, self._hold.is_needed(body_responds, now_ns)
         pose = self._new_pose() if acted or self._acts else None

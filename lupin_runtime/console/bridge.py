@@ -126,14 +126,14 @@ class Bridge:
             ActionProvider(self._node, client.answer, self._now),
             GoalSender(self._node, client.answer, self._now, self._action_clients),
         )
-        self._stops.join(client, client.session.name, time.monotonic_ns())
+        self._stops.join(client, client.session.name, self._node.monotonic_ns())
 
     def leave(self, client: Client) -> None:
         """Remove a client and everything that it has on the graph. If it was driving, zero velocity is sent."""
         resources = self._clients.pop(client, None)
         if resources is None:
             return
-        now_ns = time.monotonic_ns()
+        now_ns = self._node.monotonic_ns()
         in_control = self.authority.holds(client.session, now_ns)
         was_driving = self._stops.leave(client, now_ns, in_control)
         if was_driving:
@@ -246,7 +246,7 @@ class Bridge:
 
     def request_service(self, session: Session, service: str, arguments: dict[str, Any]) -> Future[Any]:
         """Call a service for a request to the API. Raises Refused; the future gets the response or a ServiceFailed."""
-        self.authority.check_call(session, service, time.monotonic_ns())
+        self.authority.check_call(session, service, self._node.monotonic_ns())
         return self.request_own_service(service, arguments)
 
     def request_own_service(self, service: str, arguments: dict[str, Any]) -> Future[Any]:
@@ -301,7 +301,7 @@ class Bridge:
     def drive(self, client: Client, twist: dict[str, dict[str, float]]) -> None:
         """Publish a client's velocity: the parts and axes of a Twist, in m/s and rad/s."""
         moving = any(value for axes in twist.values() for value in axes.values())
-        is_start = self._stops.note_velocity(client, moving, time.monotonic_ns())
+        is_start = self._stops.note_velocity(client, moving, self._node.monotonic_ns())
         if is_start:
             self.publish_combined_stop()
         self._manual_output.publish(values.fill(Twist, twist, self._now))
@@ -314,7 +314,7 @@ class Bridge:
         A program names none: with control, which it takes if it is free, it also releases the stops that nobody holds any more.
         Returns who has released this press meanwhile, so that it is not engaged again; otherwise an empty text.
         """
-        now_ns = time.monotonic_ns()
+        now_ns = self._node.monotonic_ns()
         held = self._stops.holds(client)
         if held and not engaged and not press:
             with suppress(Refused):
@@ -330,7 +330,7 @@ class Bridge:
 
     def stop_for(self, session: Session, press: str = "") -> None:
         """Engage a stop for a session that has no connection to hold it; the session in control releases it."""
-        self._stops.hold_for(session.name, time.monotonic_ns(), press)
+        self._stops.hold_for(session.name, self._node.monotonic_ns(), press)
         self.publish_combined_stop()
 
     def release_for(self, session: Session, presses: Collection[str] | None = None) -> None:
@@ -339,7 +339,7 @@ class Bridge:
         Without `presses`, release those that no client holds any more. Both also release the stop of a console that is gone.
         Raises Refused without control, which is taken if it is free.
         """
-        self.authority.take(session, time.monotonic_ns())
+        self.authority.take(session, self._node.monotonic_ns())
         self.record(session.name, "release")
         self._releases += 1
         if presses is None:
@@ -353,7 +353,7 @@ class Bridge:
 
         Each has the `kind` of its cause, a `text`, and its `press`, `name` and age, which are None for a reason of the e-stop.
         """
-        now_ns = time.monotonic_ns()
+        now_ns = self._node.monotonic_ns()
         own = self._stops.reasons()
         others = self._estop.reasons
         if own or now_ns - self._stopped_ns < _ESTOP_DELAY_NS:
@@ -374,7 +374,7 @@ class Bridge:
 
     def _follow_control(self) -> None:
         """Stop the wheels when control has changed, before the next session begins to drive."""
-        now_ns = time.monotonic_ns()
+        now_ns = self._node.monotonic_ns()
         if self._stops.end_driving(now_ns):
             self._send_zero()
         self._era.note_holder(self.authority.lease(now_ns).holder)
@@ -384,7 +384,7 @@ class Bridge:
 
     def publish_combined_stop(self) -> None:
         """Publish the combined stop of all clients. To be called every STOP_PERIOD_S."""
-        now_ns = time.monotonic_ns()
+        now_ns = self._node.monotonic_ns()
         lease = self.authority.lease(now_ns)
         self._stops.check_silence(now_ns, lease.holder, lease.since_ns)
         engaged = bool(self._stops.reasons())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -285,7 +284,7 @@ class Navigator(LupinNode):
         if engaged == self._estop_engaged:
             return
         self._estop_engaged = engaged
-        self._released_ns = None if engaged else time.monotonic_ns()
+        self._released_ns = None if engaged else self.monotonic_ns()
         if not engaged:
             return
         self._executive.set_estop(True)
@@ -297,7 +296,7 @@ class Navigator(LupinNode):
 
     def _apply_release(self) -> None:
         """Release the executive once the goals that were queued before the release have been refused."""
-        if self._released_ns is not None and time.monotonic_ns() - self._released_ns >= DRAIN_S * 1e9:
+        if self._released_ns is not None and self.monotonic_ns() - self._released_ns >= DRAIN_S * 1e9:
             self._released_ns = None
             self._executive.set_estop(False)
 

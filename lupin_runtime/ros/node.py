@@ -107,6 +107,11 @@ class LupinNode(Node):
         """Return ROS time for stamps: the simulator's if the process follows `/clock`, else the system's."""
         return int(self.get_clock().now().nanoseconds)
 
+    @staticmethod
+    def monotonic_ns() -> int:
+        """Return real time, for timeouts that do not follow the simulation. A test replaces it to stretch all timeouts."""
+        return time.monotonic_ns()
+
     def elapsed_clock_ns(self) -> int:
         """Return the time for timeouts: simulated if the process follows `/clock`, else monotonic.
 
@@ -115,4 +120,4 @@ class LupinNode(Node):
         clock = self.get_clock()
         if clock.clock_type == ClockType.ROS_TIME and clock.ros_time_is_active:
             return int(clock.now().nanoseconds)
-        return time.monotonic_ns()
+        return self.monotonic_ns()

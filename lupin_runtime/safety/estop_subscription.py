@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -27,7 +26,7 @@ def subscribe_estop(
     monitor = EStopMonitor(lambda: node.count_publishers(topic.name))
 
     def receive(stop: bool) -> None:
-        monitor.update(stop, time.monotonic_ns())
+        monitor.update(stop, node.monotonic_ns())
         on_state(monitor.engaged)
 
     return subscribe_stops(node, receive, topic, pressed_since_ns)
@@ -58,7 +57,7 @@ def subscribe_stops(
             on_message(True)
 
     def on_status(message: Any) -> None:
-        if unheard.status(message.data, time.monotonic_ns()):
+        if unheard.status(message.data, node.monotonic_ns()):
             on_message(True)
 
     return (

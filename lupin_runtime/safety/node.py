@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -63,7 +62,7 @@ class EstopBridge(LupinNode):
             button_silence_engages=self.parameter("button_silence_engages", True),
         )
         # Real time, because discovery and consoles do not follow the simulation's clock.
-        self._started_ns = time.monotonic_ns()
+        self._started_ns = self.monotonic_ns()
         self._listen_ns = int(self.parameter("listen_s", LISTEN_S) * 1e9)
         self._published: EstopState | None = None
         self._presses = PressCounter()
@@ -86,15 +85,15 @@ class EstopBridge(LupinNode):
         return replace(row, name=self.parameter(parameter, row.name))
 
     def _on_button(self, message: Any) -> None:
-        self._sources.button(bool(message.value), self.elapsed_clock_ns(), time.monotonic_ns())
+        self._sources.button(bool(message.value), self.elapsed_clock_ns(), self.monotonic_ns())
         self._publish()
 
     def _on_console(self, message: Any) -> None:
-        self._sources.consoles.update(bool(message.data), time.monotonic_ns())
+        self._sources.consoles.update(bool(message.data), self.monotonic_ns())
         self._publish()
 
     def _on_console_server(self, message: Any) -> None:
-        self._sources.console_server(message.data, time.monotonic_ns())
+        self._sources.console_server(message.data, self.monotonic_ns())
         self._publish()
 
     def _on_missed_press(self, message: Any) -> None:
@@ -110,7 +109,7 @@ class EstopBridge(LupinNode):
         return not short or listened_ns < SHORT_LISTEN_S * 1e9
 
     def _publish(self, repeat: bool = False) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = self.monotonic_ns()
         state = self._sources.state(self.elapsed_clock_ns(), now_ns)
         if self._published is None and self._is_listening(state, now_ns):
             return
@@ -165,7 +164,7 @@ class EstopWitness(LupinNode):
             silence_engages=self.parameter("hmi_silence_engages", True),
         )
         self._console_server = ConsoleServerStop()
-        self._false_from_ns = time.monotonic_ns() + int(self.parameter("listen_s", LISTEN_S) * 1e9)
+        self._false_from_ns = self.monotonic_ns() + int(self.parameter("listen_s", LISTEN_S) * 1e9)
         self._published: bool | None = None  # so that the first value replaces that of a former witness
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
         self.subscription(graph.ESTOP_STATE, self._on_state)
@@ -187,24 +186,24 @@ class EstopWitness(LupinNode):
         if self._no_press:
             self._press.note_no_press()
         else:
-            self._press.state(self._engaged, time.monotonic_ns())
+            self._press.state(self._engaged, self.monotonic_ns())
         self._publish()
 
     def _on_button(self, message: Any) -> None:
-        self._silence.receive(self.elapsed_clock_ns(), time.monotonic_ns())
-        self._press.button(bool(message.value) == self._engaged_value, time.monotonic_ns())
+        self._silence.receive(self.elapsed_clock_ns(), self.monotonic_ns())
+        self._press.button(bool(message.value) == self._engaged_value, self.monotonic_ns())
 
     def _on_console(self, message: Any) -> None:
-        self._consoles.update(bool(message.data), time.monotonic_ns())
+        self._consoles.update(bool(message.data), self.monotonic_ns())
         if message.data:
-            self._press.press(time.monotonic_ns())
+            self._press.press(self.monotonic_ns())
 
     def _on_console_server(self, message: Any) -> None:
-        if self._console_server.update(message.data, time.monotonic_ns()):
-            self._press.press(time.monotonic_ns())
+        if self._console_server.update(message.data, self.monotonic_ns()):
+            self._press.press(self.monotonic_ns())
 
     def _publish(self) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = self.monotonic_ns()
         self._press.lose_stop(self._consoles.is_lost(now_ns) or self._console_server.is_lost(now_ns))
         missed = self._press.tick(now_ns)
         silent = self._silence_engages and self._silence.is_silent(self.elapsed_clock_ns(), now_ns)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lupin_runtime.arm.guard_node import ArmGuard
     from tests.conftest import GraphHost
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("slow_watchdogs")]
 
 AT = [0.1, 0.2, 0.3, -0.4]
 
@@ -147,7 +147,7 @@ def test_guard_leaves_the_arm_to_a_body_that_answers(graph_host: GraphHost, vend
 @pytest.mark.usefixtures("guard")
 def test_guard_answers_an_estop_that_nobody_answers(graph_host: GraphHost, vendor: Vendor) -> None:
     vendor.engaged = True
-    graph_host.until(lambda: vendor.trajectories, what="the hold")
+    graph_host.until_expired(lambda: vendor.trajectories, what="the hold")
     assert vendor.trajectories == [AT]
     graph_host.until(lambda: len(vendor.cancels) >= 4, what="cancellations")
 

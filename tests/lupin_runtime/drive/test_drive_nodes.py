@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lupin_runtime.drive.node import TwistMux
     from tests.conftest import GraphHost
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("slow_watchdogs")]
 
 FORWARD = encode(Twist(0.25, -0.1, 0.5))
 STILL = encode(Twist(0.0, 0.0, 0.0))
@@ -57,15 +57,17 @@ class Probe:
     def at_sink(self, data: bytes) -> bool:
         return any(received == data for _, received in self.sink)
 
-    def flow(self, host: GraphHost, row: graph.Topic, data: bytes, until: Callable[..., Any], what: str) -> None:
-        """Publish `data` at 50 Hz until the condition holds."""
+    def flow(
+        self, host: GraphHost, row: graph.Topic, data: bytes, until: Callable[..., Any], what: str, expires: bool = False
+    ) -> None:
+        """Publish `data` at 50 Hz until the condition holds, which a watchdog brings about if `expires`."""
 
         def step() -> Any:
             self.sources[row.name].publish(data)
             threading.Event().wait(0.02)
             return until()
 
-        host.until(step, what=what)
+        (host.until_expired if expires else host.until)(step, what=what)
 
 
 def bus(host: GraphHost, **parameters: Any) -> TwistMux:
@@ -185,7 +187,7 @@ def test_lost_estop_bridge_stops_the_base(graph_host: GraphHost) -> None:
         return probe.at_sink(FORWARD)
 
     probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, alive, "the command at the sink")
-    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.sink[-1][1] == STILL, "zero at the sink")
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.sink[-1][1] == STILL, "zero at the sink", expires=True)
 
 
 def test_joy_outranks_manual_outranks_auto_in_the_status(graph_host: GraphHost) -> None:
@@ -240,10 +242,11 @@ def test_smoother_node_ramps_up_and_ends_with_zero(graph_host: GraphHost) -> Non
     probe = Probe(graph_host, sink=graph.CMD_VEL_AUTO)
     graph_host.add(VelocitySmoother())
     target = Twist(0.5, 0.0, 0.0)
-    probe.flow(graph_host, graph.CMD_VEL_NAV, encode(target), lambda: probe.at_sink(encode(target)), "full speed")
+    full_speed = encode(target)
+    probe.flow(graph_host, graph.CMD_VEL_NAV, full_speed, lambda: probe.at_sink(full_speed), "full speed", expires=True)
     xs = [present(decode(data)).x for _, data in probe.sink]
     assert max(b - a for a, b in itertools.pairwise(xs)) <= 2.5 * 0.1 + 1e-9, "no step is larger than two periods allow"
-    graph_host.until(lambda: probe.sink[-1][1] == STILL, what="rest after the timeout")
+    graph_host.until_expired(lambda: probe.sink[-1][1] == STILL, what="rest after the timeout")
     graph_host.until(lambda: time.monotonic() - probe.sink[-1][0] > 0.5, what="half a second without a command at the sink")
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lupin_runtime.safety.node import EstopBridge
     from tests.conftest import GraphHost
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("slow_watchdogs")]
 
 
 class Probe:
@@ -41,7 +41,7 @@ class Probe:
         self.node.create_timer(0.5, self._repeat)
         host.add(self.node)
         host.until(lambda: self._button.get_subscription_count() and self._console.get_subscription_count())
-        host.until(lambda: self.states, what="the first state")
+        host.until_expired(lambda: self.states, what="the first state")
 
     def _repeat(self) -> None:
         if self.console_says is not None:
@@ -110,9 +110,9 @@ def test_console_engages_and_its_loss_engages_again(graph_host: GraphHost) -> No
     probe.console(True)
     graph_host.until(lambda: probe.engaged, what="the console's stop")
     probe.console(False)
-    graph_host.until(lambda: not probe.engaged, what="the console's release")
+    graph_host.until_expired(lambda: not probe.engaged, what="the console's release")
     probe.console_says = None
-    graph_host.until(lambda: probe.engaged, what="the stop of a vanished console")
+    graph_host.until_expired(lambda: probe.engaged, what="the stop of a vanished console")
     graph_host.until(lambda: "no message from any console" in " ".join(probe.status[-1]["reasons"]), what="the reason")
 
 
@@ -133,7 +133,7 @@ def test_status_says_for_how_long_the_estop_has_been_released(graph_host: GraphH
     probe.press(True)
     graph_host.until(lambda: probe.status and probe.status[-1]["engaged_s_ago"] == 0.0, what="the engaged state")
     probe.press(False)
-    graph_host.until(lambda: probe.status[-1]["engaged_s_ago"] > 0.8, what="the repeated status")
+    graph_host.until_expired(lambda: probe.status[-1]["engaged_s_ago"] > 0.8, what="the repeated status")
     assert probe.status[-1]["engaged"] is False and probe.status[-1]["presses"] == 1
 
 
@@ -145,7 +145,7 @@ def test_new_bridge_does_not_publish_released_too_early(graph_host: GraphHost) -
     graph_host.remove(first)
     probe.states.clear()
     bridge(graph_host, listen_s=1.5)
-    graph_host.until(lambda: len(probe.states) >= 5, what="the states of its successor")
+    graph_host.until_expired(lambda: len(probe.states) >= 5, what="the states of its successor")
     assert {engaged for _, engaged in probe.states} == {True}
 
 
@@ -211,12 +211,12 @@ def test_press_and_release_without_a_bridge_engages_the_next_one(graph_host: Gra
     probe.node.subscription(graph.ESTOP_MISSED_PRESS, lambda message: missed.append(message.data))
     probe.press(True)
     probe.press(False)
-    graph_host.until(lambda: missed[-1:] == [True], what="the missed press")
+    graph_host.until_expired(lambda: missed[-1:] == [True], what="the missed press")
     states = len(probe.states)
     bridge(graph_host, listen_s=1.0)
     graph_host.until(lambda: len(probe.states) > states and probe.engaged, what="the engaged state")
     graph_host.until(lambda: probe.status[-1]["reasons"] == [MISSED_PRESS_OR_SILENCE], what="the reason")
-    graph_host.until(lambda: missed[-2:] == [True, False] and not probe.engaged, what="the released state")
+    graph_host.until_expired(lambda: missed[-2:] == [True, False] and not probe.engaged, what="the released state")
     after = [engaged for _, engaged in probe.states[states:]]
     assert after == sorted(after, reverse=True), "engaged, then released"
 
@@ -231,13 +231,13 @@ def test_new_bridge_engages_if_the_button_fell_silent_before(graph_host: GraphHo
     probe.node.subscription(graph.ESTOP_MISSED_PRESS, lambda message: missed.append(message.data))
     graph_host.until(lambda: probe.node.count_subscribers(graph.ESTOP_BUTTON.name) == 2, what="both subscriptions")
     probe.press(False)  # the last message of the button
-    graph_host.until(lambda: probe.engaged, what="the engaged state")
-    graph_host.until(lambda: missed[-1:] == [True], what="the witness's report")
+    graph_host.until_expired(lambda: probe.engaged, what="the engaged state")
+    graph_host.until_expired(lambda: missed[-1:] == [True], what="the witness's report")
     assert probe.status[-1]["reasons"] == ["the button has been silent for more than 2 s"]
     graph_host.remove(first)
     probe.states.clear()
     bridge(graph_host, listen_s=1.0)
-    graph_host.until(lambda: len(probe.states) >= 10, what="the states of its successor")
+    graph_host.until_expired(lambda: len(probe.states) >= 10, what="the states of its successor")
     assert {engaged for _, engaged in probe.states} == {True}
     assert probe.status[-1]["reasons"] == [MISSED_PRESS_OR_SILENCE]
     timer = probe.node.create_timer(0.1, lambda: probe.press(False))
@@ -262,10 +262,10 @@ def test_stop_of_a_lost_console_survives_its_bridge(graph_host: GraphHost) -> No
     graph_host.until(lambda: probe.engaged, what="the console's stop")
     probe.node.destroy_publisher(console)
     graph_host.remove(first)
-    graph_host.until(lambda: missed[-1:] == [True], what="the witness's report")
+    graph_host.until_expired(lambda: missed[-1:] == [True], what="the witness's report")
     probe.states.clear()
     bridge(graph_host, listen_s=1.0)
-    graph_host.until(lambda: len(probe.states) >= 15, what="three seconds of states")
+    graph_host.until_expired(lambda: len(probe.states) >= 15, what="three seconds of states")
     assert {engaged for _, engaged in probe.states} == {True}
     graph_host.until(lambda: other.get_subscription_count() == 2, what="the new bridge's subscription")
     for releases in (4, 5):
@@ -296,7 +296,7 @@ def test_new_witness_reports_a_press_before_it_has_listened(graph_host: GraphHos
     probe.node.subscription(graph.ESTOP_MISSED_PRESS, lambda message: missed.append(message.data))
     graph_host.until(lambda: probe.node.count_subscribers(graph.ESTOP_BUTTON.name) == 2, what="both subscriptions")
     probe.press(False)
-    graph_host.until(lambda: missed, what="the witness's report of the silent button")
+    graph_host.until_expired(lambda: missed, what="the witness's report of the silent button")
     assert missed == [True]
 
 
@@ -323,7 +323,7 @@ def test_held_source_discovered_late_is_never_released(graph_host: GraphHost, so
     bridge(graph_host, listen_s=1.0, expected_sources=source)
     probe = Probe(graph_host)
     heard_s = time.monotonic() + DISCOVERY_S
-    graph_host.until(lambda: time.monotonic() > heard_s, what="the end of the discovery")
+    graph_host.until_expired(lambda: time.monotonic() > heard_s, what="the end of the discovery")
     assert [status["unheard"] for status in probe.status] == [[source]]
     assert probe.status[-1]["reasons"] == [UNHEARD[source]] and probe.status[-1]["presses"] == 0
     graph_host.within(probe.node, lambda: add_source(probe, source, holds=True))
@@ -344,7 +344,7 @@ def test_source_discovered_late_releases_without_a_press(graph_host: GraphHost) 
     graph_host.until(lambda: len(probe.states) >= count + 5, what="repeats")
     assert {engaged for _, engaged in probe.states} == {True}
     graph_host.within(probe.node, lambda: add_source(probe, CONSOLE, holds=False))
-    graph_host.until(lambda: not probe.engaged, what="the release")
+    graph_host.until_expired(lambda: not probe.engaged, what="the release")
     graph_host.until(lambda: not probe.status[-1]["engaged"], what="the status")
     assert probe.status[-1]["presses"] == 0 and probe.status[-1]["engaged_s_ago"] is None
 
@@ -361,7 +361,7 @@ def test_restarted_bridge_that_hears_its_sources_does_not_engage(graph_host: Gra
     probe.states.clear()
     started_s = time.monotonic()
     bridge(graph_host, listen_s=LISTEN_S, expected_sources="button witness")
-    graph_host.until(lambda: len(probe.states) >= 5, what="the states of its successor")
+    graph_host.until_expired(lambda: len(probe.states) >= 5, what="the states of its successor")
     assert {engaged for _, engaged in probe.states} == {False}
     assert probe.states[0][0] - started_s >= SHORT_LISTEN_S
 
@@ -387,6 +387,6 @@ def test_press_counts_that_a_bridge_without_the_button_missed(graph_host: GraphH
     assert probe.status[-1]["reasons"] == [UNHEARD[BUTTON]] and probe.status[-1]["presses"] == 0
     probe.press(True)
     probe.press(False)
-    graph_host.until(lambda: probe.status[-1]["presses"] == 1, what="the count of the press")
-    graph_host.until(lambda: probe.status[-1]["reasons"] == [UNHEARD[BUTTON]], what="the end of the missed press")
+    graph_host.until_expired(lambda: probe.status[-1]["presses"] == 1, what="the count of the press")
+    graph_host.until_expired(lambda: probe.status[-1]["reasons"] == [UNHEARD[BUTTON]], what="the end of the missed press")
     assert {engaged for _, engaged in probe.states} == {True}
