@@ -20,7 +20,7 @@ import { VersionBanner } from "@/shell/version_banner";
 import { WheelsBanner } from "@/shell/wheels_banner";
 import { RewindBar, useRewindKeys } from "@/rewind/rewind_bar";
 import { ShownTime } from "@/rewind/shown_time";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import { driver } from "@/robot";
 import { Boundary, type FallbackProps, PartFailed } from "@/ui/boundary";
 import { cn } from "@/ui/cn";

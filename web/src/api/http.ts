@@ -1,6 +1,6 @@
 /** Requests to the console's API. */
 import { type Phrase, WordedError } from "@/i18n/text_error";
-import { refuseRequest } from "@/rewind/guard";
+import { refuseRequest } from "@/safety/guard";
 
 export class ApiError extends WordedError {
   /** `status` is 0 where the server gave no answer; `words` are its own, or a text of the catalog. */

@@ -6,7 +6,7 @@ import type { nav_msgs_Odometry } from "@/generated/messages";
 import { wordsIn } from "@/i18n/robot_words";
 import { type TextKey, useLanguage, useText } from "@/i18n/text";
 import type { Sample } from "@/ros/topics";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import { gate as stopGate, useGate, useLink } from "@/robot";
 import { useTabRole } from "@/safety/commanding_tab";
 import { type DriveFacts, type Reason, driveAnswer, driveObstacles, motionObstacles, parseDriveStatus, parseEstopReasons, relocationObstacles } from "@/state/can_drive";

@@ -1,7 +1,7 @@
 /** What the operator chose on the map: the view, the layer, the tool, and the pose that is being drawn. */
 import { create } from "zustand";
 import type { TextKey } from "@/i18n/text";
-import { isRewound } from "@/rewind/state";
+import { isRewound } from "@/state/rewind";
 import type { Pose2 } from "@/ros/tf";
 import { poseFromDrag } from "./goal";
 import type { Sensor } from "./health";

@@ -12,7 +12,7 @@ import { shownPlan } from "./route";
 import { shownSightings } from "./sightings";
 import type { Pose2 } from "@/ros/tf";
 import { type Bounds, type Margins, type Point, type Size, type View, boundsOf, fit, grow, panBy, toScreen, toWorld, union, zoomAt } from "./view";
-import { viewNow } from "@/rewind/view_clock";
+import { viewNow } from "@/hooks/view_clock";
 
 /** What is drawn beside the data: what the operator chose, and how the robot fares. */
 export interface Presentation {

@@ -3,7 +3,7 @@ import { useEffect } from "react";
 import { create } from "zustand";
 import { SERVICES } from "@/generated/graph";
 import { errorText } from "@/i18n/error_text";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import { call, useLink } from "@/robot";
 import type { Sensor } from "./health";
 import { readField } from "./heat";

@@ -7,7 +7,7 @@ import { ESTOP_STALE_MS } from "@/hooks/use_situation";
 import { useTopics } from "@/hooks/use_topic";
 import { useTopicValue } from "@/hooks/use_topic_value";
 import { useGate, useLink } from "@/robot";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import type { MissionFacts } from "./mission_rules";
 import { useTabRole } from "@/safety/commanding_tab";
 import { MISSION_STALE_MS } from "@/state/mission_age";

@@ -9,10 +9,10 @@ import { dropDraft } from "@/map/map_ui";
 import { driver, robotTime, useGate } from "@/robot";
 import { TopicStore } from "@/ros/topics";
 import { useRoute } from "@/state/route";
-import type { TabId } from "@/tabs/table";
+import type { TabId } from "@/state/tab_ids";
 import { RecordedSource } from "./recorded_source";
-import { LIVE, isRewound, useRewind } from "./state";
-import { setClockOffset, toPageMs } from "./view_clock";
+import { LIVE, isRewound, useRewind } from "@/state/rewind";
+import { setClockOffset, toPageMs } from "@/hooks/view_clock";
 import { type Load, Windows, loadFrom } from "./windows";
 
 /** How far back it goes. */

@@ -11,7 +11,7 @@ import { isDialogOpen } from "@/ui/open_dialogs";
 import { formatDuration, writeMoment } from "@/ui/numbers";
 import { Slider } from "@/ui/slider";
 import { goLive, hasPast, rewind, setPlaying, showAt } from "./rewind";
-import { isRewound, useIsRewound, useRewind } from "./state";
+import { isRewound, useIsRewound, useRewind } from "@/state/rewind";
 
 const JUMP_S = 10;
 const STEP_S = 0.1;

@@ -3,8 +3,8 @@ import { ClockContext, LIVE_CLOCK } from "@/hooks/use_now";
 import { TopicsContext } from "@/hooks/use_topic";
 import { topics } from "@/robot";
 import { recordedTopics } from "./rewind";
-import { useIsRewound } from "./state";
-import { REWOUND_CLOCK } from "./view_clock";
+import { useIsRewound } from "@/state/rewind";
+import { REWOUND_CLOCK } from "@/hooks/view_clock";
 
 /** Gives the views in it samples and time of the shown moment. What is outside of it stays live. */
 export function ShownTime({ children }: { children: ReactNode }) {

@@ -11,7 +11,7 @@ import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { fixed } from "@/ui/numbers";
 import { type Instrument, type Milestone, type MilestoneName, isLive, milestones } from "./boot/milestones";
-import { DoctorButton } from "./doctor_button";
+import { DoctorButton } from "@/widgets/doctor_button";
 
 const KEY = "lupin-booted";
 /** A faster start shows no boot sequence. */

@@ -8,8 +8,8 @@ import { Dialog } from "@/ui/dialog";
 import { formatDuration } from "@/ui/numbers";
 import { VERDICTS, type Verdict, countsOf, verdictOf } from "./doctor/diagnosis";
 import { FindingItem, Summary } from "./doctor/finding_item";
-import { examine } from "./doctor/requests";
-import { useOverlayState } from "./overlays";
+import { examine } from "@/api/doctor";
+import { useOverlayState } from "@/state/overlays";
 
 /** The doctor's findings, and their fixes. */
 export default function DoctorDrawer() {

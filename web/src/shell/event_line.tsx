@@ -10,7 +10,7 @@ import { cn } from "@/ui/cn";
 import { Dialog } from "@/ui/dialog";
 import { UNKNOWN, fixed } from "@/ui/numbers";
 import { LastEvent } from "./last_event";
-import { showOverlay } from "./overlays";
+import { showOverlay } from "@/state/overlays";
 
 /** The foot of the page: whether the sticks would drive, the last event, and what the doctor found; on a phone, the link instead. */
 export function EventLine() {

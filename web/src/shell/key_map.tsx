@@ -1,6 +1,6 @@
 import { type TextKey, useText } from "@/i18n/text";
 import { Dialog } from "@/ui/dialog";
-import { useOverlayState } from "./overlays";
+import { useOverlayState } from "@/state/overlays";
 
 interface Row {
   /** Keys as printed on them, or a text of the catalog. */

@@ -7,7 +7,7 @@ import { deferred } from "@/ui/deferred";
 import { isShortcut } from "@/ui/keyboard";
 import { isDialogOpen } from "@/ui/open_dialogs";
 import { CommandPalette } from "./command_palette";
-import { type OverlayName, showOverlay, useOverlay } from "./overlays";
+import { type OverlayName, showOverlay, useOverlay } from "@/state/overlays";
 
 /**
  * The palette is there at once: who opens it goes on typing, and a key that is lost would choose another command.

@@ -6,7 +6,7 @@ import { cn } from "@/ui/cn";
 import { CommandLine } from "@/ui/command_line";
 import { Dialog } from "@/ui/dialog";
 import { UNKNOWN, dayAndTime } from "@/ui/numbers";
-import { useOverlayState } from "./overlays";
+import { useOverlayState } from "@/state/overlays";
 import { CurrentRun } from "./runs/current_run";
 import { ReportView } from "./runs/report_view";
 import { type Play, type StoredRun, endedWell, megabytes, parsePlays, parseRuns } from "./runs/run_lists";

@@ -5,7 +5,7 @@ import { localStorageOrNull } from "@/storage";
 import { Button } from "@/ui/button";
 import { Dialog } from "@/ui/dialog";
 import { Segments } from "@/ui/segments";
-import { showOverlay, useOverlayState } from "./overlays";
+import { showOverlay, useOverlayState } from "@/state/overlays";
 import { GROUPS, type Group } from "./settings/groups";
 import { PublishLog } from "./settings/publish_log";
 import { SettingField } from "./settings/setting_field";

@@ -7,7 +7,7 @@ import { useText } from "@/i18n/text";
 import { CommandLine } from "@/ui/command_line";
 import { Dialog } from "@/ui/dialog";
 import { Segments } from "@/ui/segments";
-import { useOverlayState } from "./overlays";
+import { useOverlayState } from "@/state/overlays";
 import { type Access, pairingUrl, sharedUrls } from "./share/access";
 import { qrPath } from "./share/qr_path";
 

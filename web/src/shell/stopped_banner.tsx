@@ -5,7 +5,7 @@ import { useAge } from "@/hooks/use_now";
 import { useEstop } from "@/hooks/use_situation";
 import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import { gate as stopGate, release, useGate, useLink, withdrawStop } from "@/robot";
 import { elsewhere } from "@/safety/elsewhere";
 import { useTabRole } from "@/safety/commanding_tab";

@@ -12,7 +12,7 @@ import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { UNKNOWN, clock, fixed, formatDuration, timeOfDay, writeMoment } from "@/ui/numbers";
 import { ControlDialog, controlText } from "./control_dialog";
-import { showOverlay } from "./overlays";
+import { showOverlay } from "@/state/overlays";
 
 const PHASES: Record<string, TextKey> = {
   PREPARE: "phase_preparing",

@@ -2,7 +2,7 @@ import { Hand } from "lucide-react";
 import { postJson } from "@/api/http";
 import { useHeldAtZero, useMissionDrives } from "@/hooks/use_situation";
 import { useText } from "@/i18n/text";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import { showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 

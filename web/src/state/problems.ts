@@ -2,7 +2,7 @@
 import { create } from "zustand";
 import { errorText } from "@/i18n/error_text";
 import { type TextKey, type TextValues, textIn, useLanguage } from "@/i18n/text";
-import { CommandRefused } from "@/rewind/guard";
+import { CommandRefused } from "@/safety/guard";
 
 export const MAX_MESSAGES = 4;
 const SHOWN_MS = 6000;

@@ -1,12 +1,10 @@
 /** Which tab is shown: the part of the address behind #. */
 import { create } from "zustand";
-import type { TabId } from "@/tabs/table";
-
-const IDS: readonly TabId[] = ["teleop", "arm", "voice", "cameras", "telemetry", "logs", "map"];
+import { TAB_IDS, type TabId } from "./tab_ids";
 
 function fromAddress(): TabId {
   const name = location.hash.slice(1).split("?")[0];
-  return IDS.find((id) => id === name) ?? "map";
+  return TAB_IDS.find((id) => id === name) ?? "map";
 }
 
 export const useRoute = create<{ tab: TabId }>(() => ({ tab: fromAddress() }));

@@ -7,7 +7,7 @@ import { create } from "zustand";
 import { useConsole } from "@/api/console_store";
 import { ApiError, postJson } from "@/api/http";
 import { errorText } from "@/i18n/error_text";
-import { CommandRefused } from "@/rewind/guard";
+import { CommandRefused } from "@/safety/guard";
 import { OLDEST_SETTINGS_VERSION, SETTINGS, SETTINGS_VERSION, type Settings } from "@/generated/settings";
 import { localStorageOrNull } from "@/storage";
 import { LOCATIONS_FIELD, settingsKey, storedLocations } from "./stored_locations";

@@ -4,7 +4,7 @@ import { useNow } from "@/hooks/use_now";
 import { useTopics } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
 import { robotTime } from "@/robot";
-import { useIsRewound, useRewind } from "@/rewind/state";
+import { useIsRewound, useRewind } from "@/state/rewind";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { fixed, formatDuration, writeMoment } from "@/ui/numbers";

@@ -1,7 +1,7 @@
 import type { ReactNode } from "react";
 import { useAge } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
-import { DoctorButton } from "@/shell/doctor_button";
+import { DoctorButton } from "@/widgets/doctor_button";
 import { formatDuration } from "@/ui/numbers";
 
 export interface Freshness {

@@ -1,6 +1,6 @@
 import { type Locator, type Page, expect } from "@playwright/test";
 
-export const TABS = ["teleop", "arm", "voice", "cameras", "telemetry", "logs", "map"] as const;
+export { TAB_IDS as TABS } from "../../src/state/tab_ids";
 
 /** Open a tab of the page in mock mode, without the boot handshake. Every error of the page fails the test at its end. */
 export async function openMock(page: Page, tab: string, query = ""): Promise<string[]> {

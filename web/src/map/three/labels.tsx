@@ -12,7 +12,7 @@ import { shownPlan } from "@/map/route";
 import { shownSightings } from "@/map/sightings";
 import type { Flower } from "@/map/twin";
 import type { Point } from "@/map/view";
-import { viewNow } from "@/rewind/view_clock";
+import { viewNow } from "@/hooks/view_clock";
 import { fitCanvas } from "@/widgets/canvas";
 import { projectPoint } from "./camera";
 import { stemOf } from "./walls";

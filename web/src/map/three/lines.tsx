@@ -7,7 +7,7 @@ import { SCAN_STALE_MS, liveMap } from "@/map/live_map";
 import { ribbon } from "@/map/ribbon";
 import { shownPlan } from "@/map/route";
 import type { Point } from "@/map/view";
-import { viewNow } from "@/rewind/view_clock";
+import { viewNow } from "@/hooks/view_clock";
 import { type Content, fillGeometry } from "./fill_geometry";
 import { useLiveUpdate } from "./use_live";
 

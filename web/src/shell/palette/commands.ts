@@ -5,8 +5,8 @@ import { LANGUAGES, type Language, type TextKey, type TextValues } from "@/i18n/
 import { ENDS, type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
 import { isActive } from "@/state/sentence";
 import type { Reason } from "@/state/can_drive";
-import type { TabId } from "@/tabs/table";
-import type { OverlayName } from "../overlays";
+import type { TabId } from "@/state/tab_ids";
+import type { OverlayName } from "@/state/overlays";
 
 export type MissionCall = "pause" | "resume" | "skip" | "abort";
 

@@ -9,8 +9,8 @@ import { MISSION_SERVICES } from "@/map/mission_rules";
 import { call, publish, stop } from "@/robot";
 import { showTab } from "@/state/route";
 import { setting } from "@/state/settings";
-import { examine } from "../doctor/requests";
-import { showOverlay } from "../overlays";
+import { examine } from "@/api/doctor";
+import { showOverlay } from "@/state/overlays";
 import type { Action } from "./commands";
 
 /** Returns what the robot answered; null if it answered nothing. Throws with the reason of a refusal. */

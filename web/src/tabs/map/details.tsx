@@ -1,7 +1,7 @@
 import { Tabs } from "radix-ui";
 import type { ReactNode } from "react";
 import { useText } from "@/i18n/text";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import { cn } from "@/ui/cn";
 import { EventList } from "./event_list";
 import { GreenhouseTable } from "./greenhouse_table";

@@ -3,7 +3,7 @@ import { useState } from "react";
 import { useText } from "@/i18n/text";
 import type { EventKind } from "@/map/events";
 import { type LoggedEvent, collapseEvents, useMissionLog } from "@/map/mission_log";
-import { useRewind } from "@/rewind/state";
+import { useRewind } from "@/state/rewind";
 import { cn } from "@/ui/cn";
 import { writeMoment } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";

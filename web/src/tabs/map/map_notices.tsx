@@ -6,7 +6,7 @@ import { useTopicValue } from "@/hooks/use_topic_value";
 import { useText } from "@/i18n/text";
 import { liveMap } from "@/map/live_map";
 import { usePoseState } from "@/map/use_presentation";
-import { useIsRewound, useRewind } from "@/rewind/state";
+import { useIsRewound, useRewind } from "@/state/rewind";
 import { useLink } from "@/robot";
 import { isRobotLost } from "@/state/sentence";
 import { useSetting } from "@/state/settings";

@@ -6,7 +6,7 @@ import { useMapUi } from "@/map/map_ui";
 import { hasWebGl } from "@/widgets/webgl";
 import { type View, scaleBar } from "@/map/view";
 import { RewindButton } from "@/rewind/rewind_bar";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import { useSetting } from "@/state/settings";
 import { Boundary, type FallbackProps } from "@/ui/boundary";
 import { cn } from "@/ui/cn";

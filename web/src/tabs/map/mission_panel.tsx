@@ -10,7 +10,7 @@ import { ALL_TAGS, ENDS, MISSION_SERVICES, type MissionAction, type MissionFacts
 import { transitStops } from "@/map/transit";
 import { type Mission, isRunning, useIsMissionStale, useMissionFacts, useMissionState } from "@/map/use_mission";
 import { call } from "@/robot";
-import { useRewind } from "@/rewind/state";
+import { useRewind } from "@/state/rewind";
 import { showDone, showProblem } from "@/state/problems";
 import { Announced } from "@/ui/announced";
 import { Button } from "@/ui/button";

@@ -5,7 +5,7 @@ import { SENSORS, type Sensor } from "@/map/health";
 import { chooseTool, type Tool, useMapUi } from "@/map/map_ui";
 import { SENSOR_NAMES } from "@/map/sensor_text";
 import { hasWebGl } from "@/widgets/webgl";
-import { useIsRewound } from "@/rewind/state";
+import { useIsRewound } from "@/state/rewind";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { Segments } from "@/ui/segments";

@@ -3,7 +3,7 @@ import type { ComponentType } from "react";
 import { useConsole } from "@/api/console_store";
 import { useAge } from "@/hooks/use_now";
 import { type TextKey, useText } from "@/i18n/text";
-import { DoctorButton } from "@/shell/doctor_button";
+import { DoctorButton } from "@/widgets/doctor_button";
 import { cn } from "@/ui/cn";
 import { UNKNOWN, fixed, formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";

@@ -6,7 +6,7 @@ import { TextError } from "@/i18n/text_error";
 import { isWatching } from "@/safety/commanding_tab";
 import { elsewhere } from "@/safety/elsewhere";
 import { isOwnPress } from "@/safety/stop_gate";
-import { isRewound } from "./state";
+import { isRewound } from "@/state/rewind";
 
 /** Requests that command nothing, the stop, and what takes back a stop of this page alone. */
 const ALLOWED: readonly ((path: string, body: Record<string, unknown>) => boolean)[] = [

@@ -1,6 +1,6 @@
 /** The time of what views show: now, or the moment of the recording. */
-import { type Clock, LIVE_CLOCK } from "@/hooks/use_now";
-import { useRewind } from "./state";
+import { type Clock, LIVE_CLOCK } from "./use_now";
+import { useRewind } from "@/state/rewind";
 
 /** The robot's clock minus performance.now(), s, as it was when the page was rewound. */
 let offsetS = 0;

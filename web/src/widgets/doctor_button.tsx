@@ -1,8 +1,8 @@
 import { Stethoscope } from "lucide-react";
 import { useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
-import { examine } from "./doctor/requests";
-import { showOverlay } from "./overlays";
+import { examine } from "@/api/doctor";
+import { showOverlay } from "@/state/overlays";
 
 /** A button that starts the doctor, shown where data is missing. */
 export function DoctorButton({ size = "medium" }: { size?: "small" | "medium" }) {

@@ -4,7 +4,7 @@ import { SERVICES, TOPICS } from "@/generated/graph";
 import { CommandRefused, refuseCommand, refuseRequest } from "./guard";
 import { useTabRole } from "@/safety/commanding_tab";
 import { goElsewhere } from "@/safety/elsewhere";
-import { LIVE, useRewind } from "./state";
+import { LIVE, useRewind } from "@/state/rewind";
 
 afterEach(() => {
   useRewind.setState(LIVE);
