@@ -79,7 +79,10 @@ def pytest_runtest_makereport() -> Iterator[None]:
 
 
 class GraphHost:
-    """Runs nodes as the product does, each with its own executor and thread, and waits for their effects."""
+    """Runs nodes as the product does, each with its own executor and thread, and waits for their effects.
+
+    Their watchdogs wait ten times as long as in the field, but in `until_expired`.
+    """
 
     def __init__(self) -> None:
         import rclpy
@@ -87,7 +90,7 @@ class GraphHost:
         from lupin_runtime.ros import LupinNode
 
         self.context = rclpy
-        self.clock = WatchdogClock()
+        self.clock = WatchdogClock(slower=10)
         self._real_clock = LupinNode.monotonic_ns
         LupinNode.monotonic_ns = self.clock  # type: ignore[method-assign]
         rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
@@ -181,12 +184,6 @@ def graph_host() -> Iterator[GraphHost]:
     host = GraphHost()
     yield host
     host.close()
-
-
-@pytest.fixture
-def slow_watchdogs(graph_host: GraphHost) -> None:
-    """Let the watchdogs of all nodes of this test wait ten times as long, but in `until_expired`."""
-    graph_host.clock.slow_down(10)
 
 
 @pytest.fixture(scope="session")

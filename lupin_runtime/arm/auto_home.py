@@ -97,7 +97,7 @@ class AutoHome:
         self._arm_received = self._status_received = False
         self._engaged_s: float | None = None  # since when the e-stop is engaged
         self._no_press = False  # whether its process was never pressed: it may be engaged until it has heard every source
-        since_ns = time.monotonic_ns() - int(BETWEEN_ATTEMPTS_S * 1e9) * unattended
+        since_ns = node.monotonic_ns() - int(BETWEEN_ATTEMPTS_S * 1e9) * unattended
         subscribe_estop(node, self._on_estop, pressed_since_ns=since_ns)
         node.subscription(graph.ESTOP_STATUS, self._on_estop_status)
         node.subscription(graph.JOINT_STATES, self._on_joint_states)

@@ -128,10 +128,11 @@ def arm_nodes(host: GraphHost, tmp_path: Path | None = None, pinned_by: Any = No
 
 def record(graph_host: GraphHost, vendor: Any, console: Any, name: str, mode: str) -> None:
     """Record a motion of the pan joint and the gripper."""
-    assert console.ask(graph.ARM_LIBRARY_RECORD, action="start", name=name, mode=mode, include_gripper=True).success
-    for step in range(5):
-        vendor.at = [0.1 + 0.1 * step, 0.2, 0.3, -0.4]
-        vendor.gripper_at = 0.0 if step < 3 else 0.2
-        graph_host.until(lambda n=step: console.states[-1]["n_waypoints"] > n, what="the next waypoint")  # type: ignore[misc]
-    answer = console.ask(graph.ARM_LIBRARY_RECORD, action="save")
+    with graph_host.clock.real():
+        assert console.ask(graph.ARM_LIBRARY_RECORD, action="start", name=name, mode=mode, include_gripper=True).success
+        for step in range(5):
+            vendor.at = [0.1 + 0.1 * step, 0.2, 0.3, -0.4]
+            vendor.gripper_at = 0.0 if step < 3 else 0.2
+            graph_host.until(lambda n=step: console.states[-1]["n_waypoints"] > n, what="the next waypoint")  # type: ignore[misc]
+        answer = console.ask(graph.ARM_LIBRARY_RECORD, action="save")
     assert answer.success and answer.n_waypoints >= 5 and answer.duration_s > 0.5

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lupin_runtime.arm.guard_node import ArmGuard
     from tests.conftest import GraphHost
 
-pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("slow_watchdogs")]
+pytestmark = pytest.mark.graph
 
 AT = [0.1, 0.2, 0.3, -0.4]
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lupin_runtime.drive.node import TwistMux
     from tests.conftest import GraphHost
 
-pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("slow_watchdogs")]
+pytestmark = pytest.mark.graph
 
 FORWARD = encode(Twist(0.25, -0.1, 0.5))
 STILL = encode(Twist(0.0, 0.0, 0.0))

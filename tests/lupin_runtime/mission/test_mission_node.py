@@ -342,7 +342,8 @@ def test_killed_navigation_gets_goal_again_after_restart(graph_host: Any, monkey
     fake.hang_navigation()
     fake.hold = False
     fake.start_navigation()
-    done = fake.until(lambda s: s.lifecycle_state == "DONE", "DONE", 30.0)
+    with graph_host.clock.real():
+        done = fake.until(lambda s: s.lifecycle_state == "DONE", "DONE")
     assert done.targets_completed == 1
     assert len(fake.goals) == 3
 

@@ -148,7 +148,7 @@ def test_estop_aborts_goals_and_its_release_starts_nothing(pilot: Any, action: A
     at = pilot.robot.base.truth
     pilot.node.create_timer(0.1, lambda: stop.publish(Bool(data=False)))
     steps = pilot.robot.steps
-    pilot.host.until(lambda: pilot.robot.steps > steps + int(6.0 / pilot.robot.step_s))
+    pilot.host.until_expired(lambda: pilot.robot.steps > steps + int(6.0 / pilot.robot.step_s), what="six seconds")
     assert pilot.robot.base.truth.distance_to(at) < 0.001
     assert pilot.result(pilot.send(goal(1.2, 0.6), client)).status == SUCCEEDED
 

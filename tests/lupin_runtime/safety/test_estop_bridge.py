@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lupin_runtime.safety.node import EstopBridge
     from tests.conftest import GraphHost
 
-pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("slow_watchdogs")]
+pytestmark = pytest.mark.graph
 
 
 class Probe:

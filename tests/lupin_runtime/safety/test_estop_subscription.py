@@ -81,4 +81,4 @@ def test_new_witness_replaces_the_statement_of_the_former_one(graph_host: GraphH
     graph_host.until(lambda: len(received) > 10, what="states")
     assert all(received)
     graph_host.add(EstopWitness())
-    graph_host.until(lambda: not received[-1], what="the release, on the same evidence as any other")
+    graph_host.until_expired(lambda: not received[-1], what="the release, on the same evidence as any other")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -53,8 +53,9 @@ class Robot:
 
 
 @pytest.fixture
-def robot(graph_host: Any) -> Robot:
-    return Robot(graph_host)
+def robot(graph_host: Any) -> Iterator[Robot]:
+    with graph_host.clock.real():
+        yield Robot(graph_host)
 
 
 def test_way_and_speed_follow_the_pose_until_it_falls_silent(robot: Robot) -> None:
