@@ -27,10 +27,10 @@ from rclpy.task import Future
 from lupin_runtime import graph
 from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.joint_state import arm_state
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.environment import is_off
 from lupin_runtime.exit_codes import ESTOPPED, FAILURE, SUCCESS
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 from lupin_runtime.safety.expected_sources import tells_of_no_press
 

@@ -23,7 +23,7 @@ from lupin_runtime.arm.presets import PRESET_DURATION_S
 from lupin_runtime.arm.recorder import MODES, ArmRecorder
 from lupin_runtime.arm.shared_arm import ArmNode
 from lupin_runtime.arm.store import LibraryStore, default_path
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 
 STATE_HZ = 5.0
 SAMPLE_HZ = 50.0  # only while something records or plays

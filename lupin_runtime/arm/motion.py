@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 from lupin_runtime.arm.limits import Arm, clamp, clamp_arm
 from lupin_runtime.arm.trajectory import MIN_DURATION_S, Point, retime, to_pose
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED, ESTOP_NOT_RECEIVED
 from lupin_runtime.graph import ARM_CALIBRATE, ARM_JOINTS, ARM_LIBRARY_STOP
-from lupin_runtime.safety.estop_monitor import DRAIN_S
+from lupin_runtime.safety.estop_monitor import DRAIN_S, ESTOP_ENGAGED, ESTOP_NOT_RECEIVED
 
 DEFAULT_RATE_RADPS = math.radians(60.0)
 # A joint is assumed to be at its last command, unless feedback of at most this age differs by more than this angle.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from lupin_runtime.console import authority, doctor, locations, maps, motion_watch, pairing
 from lupin_runtime.drive import arbiter
-from lupin_runtime.safety import console_server_stop, console_stop, estop, expected_sources
+from lupin_runtime.safety import console_server_stop, console_stop, estop, estop_monitor, expected_sources
 from lupin_runtime.stack import liveness
 
 # Name → template: `{seconds}` stands for a number, and every other place for text, which may be a sentence itself.
@@ -26,9 +26,9 @@ SENTENCES = {
     "console_holds_stop": console_stop.CONSOLE_HOLDS_STOP,
     "console_lost_holding": console_stop.LOST_HOLDING,
     "consoles_silent": console_stop.LOST,
-    "estop_engaged": arbiter.ESTOP_ENGAGED,
-    "estop_not_received": arbiter.ESTOP_NOT_RECEIVED,
-    "estop_silent": f"{arbiter.ESTOP_SILENT} {{seconds}} s",
+    "estop_engaged": estop_monitor.ESTOP_ENGAGED,
+    "estop_not_received": estop_monitor.ESTOP_NOT_RECEIVED,
+    "estop_silent": f"{estop_monitor.ESTOP_SILENT} {{seconds}} s",
     "bus_closed": arbiter.CLOSED,
     "process_silent": f"{{process}} {liveness.SILENT}",
     "process_exited": f"{{process}} {liveness.EXITED}",

@@ -22,17 +22,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from lupin_runtime.drive.twist import ZERO, Twist
-from lupin_runtime.safety.estop_monitor import EStopEdge, EStopMonitor
+from lupin_runtime.safety.estop_monitor import (
+    DRAIN_S,
+    ESTOP_ENGAGED,
+    ESTOP_NOT_RECEIVED,
+    ESTOP_SILENT,
+    EStopEdge,
+    EStopMonitor,
+)
 
 NEUTRAL_SILENCE_S = 2.0
 # Three periods of the e-stop bridge.
 ESTOP_TIMEOUT_S = 0.6
-# Messages that were queued in this process when a lock ended are handled within this time, and are treated as older.
-DRAIN_S = 0.1
 
-ESTOP_ENGAGED = "e-stop engaged"
-ESTOP_NOT_RECEIVED = "no e-stop state received yet"
-ESTOP_SILENT = "no e-stop state for"
 CLOSED = "shutting down"
 
 

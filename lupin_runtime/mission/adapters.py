@@ -13,7 +13,6 @@ from lupin_msgs.srv import ConfirmTag, GetTagReading, SetArmPreset
 from nav2_msgs.action import NavigateToPose
 
 from lupin_runtime import graph
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.mission.config import MissionConfig
@@ -26,6 +25,7 @@ from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.plane_messages import plane_pose_message
 from lupin_runtime.ros.sent_goal import SentGoal
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 
 STALE_TRANSFORM_S = 2.0
 _MAX_PENDING = 32  # unanswered requests of a service

@@ -15,7 +15,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.navigation.checkers import GoalChecker, GoalTolerance, ProgressChecker
 from lupin_runtime.navigation.costmap import Costmap
@@ -23,6 +22,7 @@ from lupin_runtime.navigation.mppi import MppiController, NoValidControl
 from lupin_runtime.navigation.planning import NoPath, Plan
 from lupin_runtime.navigation.recoveries import STANDSTILL, BackUp, Behavior, BehaviorLimits, Spin, Velocity, Wait
 from lupin_runtime.navigation.tracked_path import TrackedPath
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 
 _LOG_SLOW_PERIOD_S = 30.0
 

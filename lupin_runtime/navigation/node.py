@@ -16,7 +16,6 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from lupin_runtime import graph
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.navigation.actions import NavigationServer, PathServer, UnusableGoal
 from lupin_runtime.navigation.costmap import BeamPoses, Costmap, GlobalCostmap, LocalCostmap
@@ -40,7 +39,7 @@ from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.lifecycle import serve_state
 from lupin_runtime.ros.node import qos_profile
 from lupin_runtime.ros.plane_messages import plane_pose_message
-from lupin_runtime.safety.estop_monitor import DRAIN_S
+from lupin_runtime.safety.estop_monitor import DRAIN_S, ESTOP_ENGAGED
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 from lupin_runtime.transforms import TransformUnavailable, frame_name
 

@@ -12,9 +12,9 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
 
 from lupin_runtime import graph
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.sent_goal import SentGoal
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 _NONE, _UNKNOWN = FollowWaypoints.Result.NONE, FollowWaypoints.Result.UNKNOWN

@@ -15,6 +15,11 @@ QUIET_S = 0.5
 # whoever moves something refuses requests for that long.
 DRAIN_S = 0.1
 
+# Why a command is refused.
+ESTOP_ENGAGED = "e-stop engaged"
+ESTOP_NOT_RECEIVED = "no e-stop state received yet"
+ESTOP_SILENT = "no e-stop state for"  # and the duration
+
 
 class EStopEdge(enum.Enum):
     """A change of the e-stop state."""

@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.exit_codes import FAILURE, INTERRUPTED, SUCCESS, UNREACHABLE
 from lupin_runtime.mission.overrides import OVERRIDES_NAME, load_overrides, save_overrides
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 from lupin_runtime.stack.alarms import alarms
 from lupin_runtime.stack.dds import GRAPH_VARIABLES, DomainClaim, claim_domain, loopback_environment, robot_environment
 from lupin_runtime.stack.mission_events import mission_clock_s

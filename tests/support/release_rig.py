@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lupin_runtime import graph
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 from tests.support.graph_client import GraphClient
 from tests.support.hang import Hang, is_replaced, send
 

@@ -12,10 +12,10 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from lupin_runtime.drive import INPUTS, ZERO, Bus, HardLimits, Twist
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED, ESTOP_NOT_RECEIVED, ESTOP_SILENT, ESTOP_TIMEOUT_S
+from lupin_runtime.drive.arbiter import ESTOP_TIMEOUT_S
 from lupin_runtime.drive.bus import IDLE_PERIOD_S, ZERO_REPEAT_S
 from lupin_runtime.drive.ramp import LINEAR_MPS2, MAX_GAP_S, REST_GAP_S, SLACK_S, YAW_RADPS2
-from lupin_runtime.safety.estop_monitor import QUIET_S, RELEASE_COUNT
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED, ESTOP_NOT_RECEIVED, ESTOP_SILENT, QUIET_S, RELEASE_COUNT
 
 MS = 1_000_000
 S = 1_000 * MS
