@@ -17,7 +17,7 @@ from lupin_cli.facts.graph import GRAPH, Graph
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
 from lupin_cli.facts.units import UNIT_STATES
 from lupin_cli.systemd.units import ONBOARD
-from lupin_runtime.drive.arbiter import CLOSED, ESTOP_NOT_RECEIVED, ESTOP_SILENT
+from lupin_runtime.drive.arbiter import CLOSED
 from lupin_runtime.graph import (
     CMD_VEL_AUTO,
     CMD_VEL_JOY,
@@ -27,6 +27,7 @@ from lupin_runtime.graph import (
     ESTOP_STATE,
     HMI_ESTOP,
 )
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED, ESTOP_NOT_RECEIVED, ESTOP_SILENT
 from lupin_runtime.safety.expected_sources import ESTOP_BUTTON, UNHEARD_BUTTON, UNHEARD_CONSOLE, UNHEARD_WITNESS
 
 # Users often type the last one by mistake; it exists on no robot.
@@ -50,6 +51,7 @@ SOLE_PUBLISHERS = {
     CMD_VEL_SINK_SIM.name: _BYPASSED,
     ESTOP_STATE.name: ("estop_bridge", "estop-forged", "the e-stop cannot be released meanwhile"),
 }
+FORMER_ESTOP = "former process of the e-stop"  # what a finding is about, if the bus is locked only until that is forgotten
 # Finding → what a program does instead, once it was ended.
 _INSTEAD = {
     "drive-bypassed": f"let it publish on {CMD_VEL_MANUAL.name}, an input of the drive bus, when you start it again",
@@ -162,7 +164,25 @@ def _release(graph: Graph, reasons: str) -> FixText:
 def find_bus_locks(snapshot: Snapshot) -> Iterator[Finding]:
     """The drive bus is locked for another reason than the engaged e-stop."""
     for graph in observed_graphs(snapshot):
-        if not graph.estop and graph.drive_bus_locks:
+        if graph.estop or not graph.drive_bus_locks:
+            continue
+        if graph.drive_bus_locks == (ESTOP_ENGAGED,) and (former := _former_bridges(graph)):
+            yield make_finding(
+                "bus-locked",
+                severity=Severity.WARNING,
+                where=graph.machine,
+                graph=graph.name,
+                cause="the e-stop is released, and the drive bus stays locked for up to 20 s: the e-stop's process was killed "
+                "and started again, and the graph still contains the former one",
+                evidence=(
+                    f"drive bus on {graph.name}: {ESTOP_ENGAGED}",
+                    f"{ESTOP_STATE.name} on {graph.name}: {former} more publishers than the e-stop's process has",
+                ),
+                about=FORMER_ESTOP,
+                command="lupin wait",
+                instruction="the lock ends by itself; the command waits for that",
+            )
+        else:
             yield make_finding(
                 "bus-locked",
                 where=graph.machine,
@@ -171,6 +191,17 @@ def find_bus_locks(snapshot: Snapshot) -> Iterator[Finding]:
                 evidence=(f"drive bus on {graph.name}: {lock}" for lock in graph.drive_bus_locks),
                 **_unlock(snapshot, graph),
             )
+
+
+def _former_bridges(graph: Graph) -> int:
+    """Return how many publishers of the e-stop's state are those of killed processes, which DDS keeps for its lease of 20 s.
+
+    A publisher of another node is no former one, but see `find_unexpected_publishers`.
+    """
+    topic = graph.topic(ESTOP_STATE.name)
+    ends = topic.publishers if topic is not None else ()
+    known = all(end.is_stale or end.node.rpartition("/")[2] == SOLE_PUBLISHERS[ESTOP_STATE.name][0] for end in ends)
+    return max(0, len(ends) - 1) if known else 0
 
 
 def _unlock(snapshot: Snapshot, graph: Graph) -> FixText:

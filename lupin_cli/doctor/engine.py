@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from lupin_cli.checks import ground_truth
 from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
+from lupin_cli.checks.drive import FORMER_ESTOP
 from lupin_cli.checks.findings import NEED_VENDOR, OVER_GRAPH
 from lupin_cli.checks.ground_truth import GroundTruth, State
 from lupin_cli.checks.path_losses import BY_CHANCE
@@ -88,12 +89,20 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
 
 
 def doubt_luck(truth: GroundTruth | None, roots: Sequence[Finding]) -> GroundTruth | None:
-    """Return the ground truth, not healthy while many packets are lost or a process is stopped: it was heard by chance."""
+    """Return the ground truth, which is not healthy while it was heard by chance, or the drive bus is locked for a moment.
+
+    Chance: many packets are lost, or a process is stopped.
+    """
     losses = (each for each in roots if each.id == _LOST and (each.severity is Severity.PROBLEM or each.about == BY_CHANCE))
     problem = next(iter((*losses, *(each for each in roots if each.id == STOPPED))), None)
-    if truth is None or truth.state is not State.HEALTHY or problem is None:
+    locked = next((each for each in roots if each.about == FORMER_ESTOP), None)
+    if truth is None or truth.state is not State.HEALTHY or (problem is None and locked is None):
         return truth
-    line = f"what a program hears next: all data arrived this time, although {problem.cause}"
+    line = (
+        f"what a program hears next: all data arrived this time, although {problem.cause}"
+        if problem is not None
+        else "whether the base obeys: the drive bus is locked for some seconds more"
+    )
     return replace(truth, state=State.UNOBSERVED, unobserved=(line,))
 
 

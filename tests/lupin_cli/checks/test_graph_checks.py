@@ -13,20 +13,21 @@ from lupin_cli.checks.base import Finding, Severity, Snapshot
 from lupin_cli.checks.layers import EVERYTHING, LUPIN
 from lupin_cli.checks.topic_delivery import BOARD_TOPICS, qos_mismatch
 from lupin_cli.connection.base import Output
-from lupin_cli.doctor.engine import diagnose
+from lupin_cli.doctor.engine import diagnose, doubt_luck
 from lupin_cli.facts.account import Account
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.devices import Devices, TelemetrixProcess
-from lupin_cli.facts.graph import GRAPH, Controller, DriveInput, Endpoint, Graph, Graphs, ServiceCall, Timing
+from lupin_cli.facts.graph import GRAPH, UNKNOWN_NODE, Controller, DriveInput, Endpoint, Graph, Graphs, ServiceCall, Timing
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.ros_processes import RosProcess
 from lupin_cli.facts.sockets import Socket, Sockets
 from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
 from lupin_cli.facts.units import UNIT_STATES
 from lupin_cli.link.path import End, Path, UnreadSocket
-from lupin_runtime.graph import JOINT_STATES, ODOM
+from lupin_runtime.graph import ESTOP_STATE, JOINT_STATES, ODOM
 from lupin_runtime.safety.console_stop import LOST_HOLDING
+from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, ESTOP_BUTTON, UNHEARD, WITNESS
 from tests.support.findings import assert_findings_match_rows
 from tests.support.optional import present
@@ -328,6 +329,28 @@ def test_bus_lock_names_its_holder_and_the_machine(lock: str, holder: str) -> No
     assert finding.fix.command == "lupin status"
     (finding,) = root_findings(graph(drive_bus_locks=(lock,)), units=captured(UNIT_STATES, "healthy"))
     assert finding.fix.command == "ssh -t 10.42.0.1 'sudo systemctl restart lupin-onboard.service'"
+
+
+BRIDGE = Endpoint("/estop_bridge", "std_msgs/msg/Bool", reliable=True, latched=False)
+STALE = dataclasses.replace(BRIDGE, node=f"/{UNKNOWN_NODE}")
+
+
+@pytest.mark.parametrize(
+    ("publishers", "severity"),
+    [
+        ((BRIDGE, BRIDGE), Severity.WARNING),
+        ((BRIDGE, STALE, STALE), Severity.WARNING),
+        ((BRIDGE,), Severity.PROBLEM),
+        ((BRIDGE, dataclasses.replace(BRIDGE, node="/intruder")), Severity.PROBLEM),
+    ],
+)
+def test_lock_by_a_killed_estop_process_ends_by_itself(publishers: tuple[Endpoint, ...], severity: Severity) -> None:
+    seen = with_endpoints(ESTOP_STATE.name, graph(drive_bus_locks=(ESTOP_ENGAGED,)), publishers=publishers)
+    (finding,) = [each for each in root_findings(seen) if each.id == "bus-locked"]
+    assert finding.severity is severity
+    assert finding.fix.command.startswith("lupin wait") is (severity is Severity.WARNING)
+    truth = present(doubt_luck(ground_truth.GroundTruth(ground_truth.State.HEALTHY), (finding,)))
+    assert (truth.state is ground_truth.State.UNOBSERVED) is (severity is Severity.WARNING)
 
 
 def test_finding_of_one_graph_explains_none_of_another() -> None:
