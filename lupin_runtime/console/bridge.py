@@ -337,9 +337,14 @@ class Bridge:
         """Release the stops of these presses, whoever holds them: not a newer one, which the session has not seen yet.
 
         Without `presses`, release those that no client holds any more. Both also release the stop of a console that is gone.
-        Raises Refused without control, which is taken if it is free.
+        Raises Refused without control, which is taken if it is free. A session lets go of its own press without control.
         """
-        self.authority.take(session, self._node.monotonic_ns())
+        now_ns = self._node.monotonic_ns()
+        if not self.authority.holds(session, now_ns) and self._stops.withdraw(presses or (), session.name):
+            self.record(session.name, "let go of its stop")
+            self.publish_combined_stop()
+            return
+        self.authority.take(session, now_ns)
         self.record(session.name, "release")
         self._releases += 1
         if presses is None:

@@ -177,6 +177,15 @@ class StopRegistry:
         self._events.extend(ConsoleEvent(EventKind.STOP_RELEASED, by, hold.name) for hold in self._lost.values())
         self._lost.clear()
 
+    def withdraw(self, presses: Collection[str], name: str) -> bool:
+        """Let go of a stop that a session engaged itself and no client of it holds. Return False if `presses` has any other."""
+        hold = self._lost.get(name)
+        if hold is None or hold.kind not in (HoldKind.LEFT, HoldKind.LOST_HOLDING) or set(presses) != {hold.press}:
+            return False
+        del self._lost[name]
+        self._events.append(ConsoleEvent(EventKind.STOP_WITHDRAWN, name))
+        return True
+
     def release(self, presses: Collection[str], by: str) -> None:
         """Release the stops of these presses, whoever holds them, for a session that has seen them."""
         released = {hold.press: hold.name for hold in self.reasons() if hold.press in presses}

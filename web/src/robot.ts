@@ -14,7 +14,8 @@ import { LinkLost, type LinkState, Rosbridge, type Socket } from "@/ros/rosbridg
 import { TopicStore } from "@/ros/topics";
 import { followTabs, isWatching, useTabRole } from "@/safety/commanding_tab";
 import { type Blocker, Driver, type Velocity, ZERO, isZero } from "@/safety/drive";
-import { elsewhere, goElsewhere, StopOfConsole } from "@/safety/elsewhere";
+import { elsewhere, goElsewhere } from "@/safety/elsewhere";
+import { StopOfConsole } from "@/safety/stop_of_console";
 import { followFocus } from "@/safety/focus";
 import { releaseStop } from "@/safety/release";
 import { type Holder, StopGate, type StopReason } from "@/safety/stop_gate";
@@ -136,7 +137,7 @@ function sendVelocity(velocity: Velocity): void {
 }
 
 /** What an operator of such a page stops is the robot that is near too. */
-const nearStop = new StopOfConsole((body) => postJson("/_api/stop", body));
+const nearStop = new StopOfConsole((body) => postJson("/_api/stop", body), showProblem);
 
 export const gate = new StopGate({
   stateStop: (engaged, press) => {

@@ -399,6 +399,16 @@ def test_viewer_watches_and_stops_but_does_not_drive(
     graph_host.until(lambda: not stops[-1], what="the stop to be released")
 
 
+def test_session_without_control_lets_go_of_its_own_stop(anne: Browser, ben: Browser) -> None:
+    anne.post("/_api/lease", action="take")
+    ben.post("/_api/stop", engaged=True, press="press:1")
+    anne.post("/_api/stop", engaged=True, press="press:2")
+    assert ben.request("POST", "/_api/stop", {"engaged": False, "presses": ["press:2"]})[0] == 403
+    answer = ben.post("/_api/stop", engaged=False, presses=["press:1"])
+    assert stop_texts(answer) == ["phone-1 stopped the robot"]
+    assert anne.get("/_api/session")["control"]["holder"] == "phone-1"
+
+
 def test_control_releases_the_stops_that_it_has_seen(anne: Browser, ben: Browser, open_socket: Open) -> None:
     client, events = open_socket(ben), open_socket(anne, "/_api/events")
     client.send("set_level", level="warning")

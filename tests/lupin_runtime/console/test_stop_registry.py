@@ -186,6 +186,29 @@ def test_press_that_was_not_seen_is_not_released() -> None:
     assert stops.set_stop("page", True, 2, "press:2") == ""
 
 
+@pytest.mark.parametrize("left", [True, False])
+def test_session_lets_go_of_its_own_press_only(left: bool) -> None:
+    stops = registry("page", "phone-1")
+    if left:
+        stops.hold_for("page", 0, "press:1")
+    else:
+        stops.set_stop("page", True, 0, "press:1")
+        stops.leave("page", SECOND, False)
+    stops.hold_for("phone-1", 1, "press:2")
+    for presses in ([], ["press:2"], ["press:1", "press:2"]):
+        assert not stops.withdraw(presses, "page")
+    assert len(texts(stops)) == 2
+    assert stops.withdraw(["press:1"], "page") and texts(stops) == ["phone-1 stopped the robot"]
+
+
+def test_stop_of_a_page_that_was_lost_while_driving_is_not_let_go_of() -> None:
+    stops = registry("page")
+    stops.note_velocity("page", True, 0)
+    stops.leave("page", 1, True)
+    (hold,) = stops.reasons()
+    assert not stops.withdraw([hold.press], "page") and stops.reasons() == [hold]
+
+
 def test_released_press_of_a_lost_page_is_over_when_it_is_back() -> None:
     stops = registry("page")
     stops.set_stop("page", True, 0, "press:1")

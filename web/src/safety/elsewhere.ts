@@ -14,29 +14,3 @@ export function goElsewhere(url: string | null): void {
 export function elsewhere(): string | null {
   return address;
 }
-
-const RETRY_MS = 1000;
-
-/** States the stop of such a page to its console, until the console has answered or there is something newer to state. */
-export class StopOfConsole {
-  /** What was stated last of each press: a press that somebody else released is followed by another. */
-  private readonly stated = new Map<string, { engaged: boolean }>();
-
-  constructor(private readonly post: (body: unknown) => Promise<unknown>) {}
-
-  state(engaged: boolean, press: string): void {
-    if (this.stated.get(press)?.engaged === engaged) return;
-    const statement = { engaged };
-    this.stated.set(press, statement);
-    this.send(press, statement);
-  }
-
-  private send(press: string, statement: { engaged: boolean }): void {
-    const body = statement.engaged ? { engaged: true, press } : { engaged: false, presses: [press] };
-    this.post(body).catch(() => {
-      setTimeout(() => {
-        if (this.stated.get(press) === statement) this.send(press, statement);
-      }, RETRY_MS);
-    });
-  }
-}

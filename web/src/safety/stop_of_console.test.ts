@@ -1,5 +1,6 @@
 import { afterEach, beforeEach, expect, it, vi } from "vitest";
-import { StopOfConsole } from "./elsewhere";
+import { ApiError } from "@/api/http";
+import { StopOfConsole } from "./stop_of_console";
 
 beforeEach(() => void vi.useFakeTimers());
 afterEach(() => void vi.useRealTimers());
@@ -12,7 +13,8 @@ function openStop(lost: number) {
     told.push(body);
     return Promise.resolve({});
   });
-  return { stop: new StopOfConsole(post), told, post };
+  const refused = vi.fn();
+  return { stop: new StopOfConsole(post, refused), told, post, refused };
 }
 
 it("states a stop once, however often the page repeats it", async () => {
@@ -28,6 +30,15 @@ it.each([true, false])("repeats what got no answer, engaged %s, until it has one
   await vi.advanceTimersByTimeAsync(10_000);
   expect(post).toHaveBeenCalledTimes(4);
   expect(told).toEqual([engaged ? { engaged, press: "a" } : { engaged, presses: ["a"] }]);
+});
+
+it("says what the console refuses, and does not repeat it", async () => {
+  const { stop, post, refused } = openStop(0);
+  post.mockRejectedValue(new ApiError(403, "phone-2 has control"));
+  stop.state(false, "a");
+  await vi.advanceTimersByTimeAsync(10_000);
+  expect(post).toHaveBeenCalledTimes(1);
+  expect(refused).toHaveBeenCalledWith(new ApiError(403, "phone-2 has control"));
 });
 
 it("no longer repeats a stop that was let go of meanwhile", async () => {

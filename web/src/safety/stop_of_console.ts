@@ -1,0 +1,36 @@
+/** The stop of a page that shows another robot, at its own console. */
+import { ApiError } from "@/api/http";
+
+const RETRY_MS = 1000;
+
+/** States the stop of such a page to its console, until the console has answered or there is something newer to state. */
+export class StopOfConsole {
+  /** What was stated last of each press: a press that somebody else released is followed by another. */
+  private readonly stated = new Map<string, { engaged: boolean }>();
+
+  /** `refused` is told of an answer that is a refusal: it would be the same again. */
+  constructor(
+    private readonly post: (body: unknown) => Promise<unknown>,
+    private readonly refused: (error: unknown) => void,
+  ) {}
+
+  state(engaged: boolean, press: string): void {
+    if (this.stated.get(press)?.engaged === engaged) return;
+    const statement = { engaged };
+    this.stated.set(press, statement);
+    this.send(press, statement);
+  }
+
+  private send(press: string, statement: { engaged: boolean }): void {
+    const body = statement.engaged ? { engaged: true, press } : { engaged: false, presses: [press] };
+    this.post(body).catch((error: unknown) => {
+      if (error instanceof ApiError && error.status >= 400 && error.status < 500) {
+        this.refused(error);
+        return;
+      }
+      setTimeout(() => {
+        if (this.stated.get(press) === statement) this.send(press, statement);
+      }, RETRY_MS);
+    });
+  }
+}
