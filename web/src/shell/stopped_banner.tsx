@@ -63,7 +63,7 @@ export function StoppedBanner() {
         <strong className={stopped ? "text-lead leading-tight font-bold max-md:text-base" : "font-semibold"}>
           {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : gate.reason === null || gate.reason === "startup" ? text("cannot_drive_yet") : text("can_drive_no", { reason: text(`reason_${gate.reason}`) })}
         </strong>
-        {!stopped && (
+        {!stopped && gate.reason !== null && gate.reason !== "startup" && (
           <span aria-hidden="true" className="ml-2 text-text-2 tabular-nums" data-testid="stop-age">
             <Age atMs={gate.sinceMs} />
           </span>
