@@ -337,14 +337,9 @@ class Bridge:
         """Release the stops of these presses, whoever holds them: not a newer one, which the session has not seen yet.
 
         Without `presses`, release those that no client holds any more. Both also release the stop of a console that is gone.
-        Raises Refused without control, which is taken if it is free. A session lets go of its own press without control.
+        Raises Refused without control, which is taken if it is free.
         """
-        now_ns = self._node.monotonic_ns()
-        if not self.authority.holds(session, now_ns) and self._stops.withdraw(presses or (), session.name):
-            self.record(session.name, "let go of its stop")
-            self.publish_combined_stop()
-            return
-        self.authority.take(session, now_ns)
+        self.authority.take(session, self._node.monotonic_ns())
         self.record(session.name, "release")
         self._releases += 1
         if presses is None:
@@ -352,6 +347,12 @@ class Bridge:
         else:
             self._stops.release(presses, session.name)
         self.publish_combined_stop()
+
+    def withdraw_for(self, session: Session, press: str) -> None:
+        """Let go of a press that the session engaged itself, with or without control; nothing happens if it is over."""
+        if self._stops.withdraw(press, session.name):
+            self.record(session.name, "let go of its stop")
+            self.publish_combined_stop()
 
     def stops(self) -> list[dict[str, Any]]:
         """Return what engages the stop, for browsers: the clients' stops, then what else holds the robot.

@@ -75,7 +75,10 @@ _LEASE_BODY: dict[str, dict[str, Any]] = {
 
 _STOP_BODY: dict[str, dict[str, Any]] = {
     "engaged": {"type": "boolean"},
-    "press": {"type": "string", "description": "to stop: the name of this press, as in the page's publications"},
+    "press": {
+        "type": "string",
+        "description": "to stop: the name of this press, as in the page's publications; to let go of it, which needs no control",
+    },
     "presses": {
         "type": "array",
         "items": {"type": "string"},
@@ -360,6 +363,8 @@ class Origin:
             raise web.HTTPBadRequest(text="presses must be a list of texts\n")
         if engaged:
             self._bridge.stop_for(session, press_name(body.get("press")))
+        elif press := press_name(body.get("press")):
+            self._bridge.withdraw_for(session, press)
         else:
             self._bridge.release_for(session, presses)
         self.push_state()

@@ -177,10 +177,10 @@ class StopRegistry:
         self._events.extend(ConsoleEvent(EventKind.STOP_RELEASED, by, hold.name) for hold in self._lost.values())
         self._lost.clear()
 
-    def withdraw(self, presses: Collection[str], name: str) -> bool:
-        """Let go of a stop that a session engaged itself and no client of it holds. Return False if `presses` has any other."""
+    def withdraw(self, press: str, name: str) -> bool:
+        """Let go of a stop that a session engaged itself and no client of it holds. Return False if there is none."""
         hold = self._lost.get(name)
-        if hold is None or hold.kind not in (HoldKind.LEFT, HoldKind.LOST_HOLDING) or set(presses) != {hold.press}:
+        if hold is None or hold.kind not in (HoldKind.LEFT, HoldKind.LOST_HOLDING) or hold.press != press:
             return False
         del self._lost[name]
         self._events.append(ConsoleEvent(EventKind.STOP_WITHDRAWN, name))

@@ -216,7 +216,7 @@ describe("a page on another robot's rosbridge", () => {
     robot.withdrawStop();
     await vi.advanceTimersByTimeAsync(100);
     expect(frames.findLast(({ topic }) => topic === TOPICS.HMI_ESTOP.name)?.msg?.data).toBe(false);
-    expect(told().at(-1)).toEqual({ engaged: false, presses: [press] });
+    expect(told().at(-1)).toEqual({ engaged: false, press });
   });
 });
 

@@ -403,10 +403,13 @@ def test_session_without_control_lets_go_of_its_own_stop(anne: Browser, ben: Bro
     anne.post("/_api/lease", action="take")
     ben.post("/_api/stop", engaged=True, press="press:1")
     anne.post("/_api/stop", engaged=True, press="press:2")
-    assert ben.request("POST", "/_api/stop", {"engaged": False, "presses": ["press:2"]})[0] == 403
-    answer = ben.post("/_api/stop", engaged=False, presses=["press:1"])
+    assert ben.request("POST", "/_api/stop", {"engaged": False, "presses": ["press:1"]})[0] == 403
+    assert len(ben.post("/_api/stop", engaged=False, press="press:2")["stop"]) == 2, "another's press"
+    answer = ben.post("/_api/stop", engaged=False, press="press:1")
     assert stop_texts(answer) == ["phone-1 stopped the robot"]
-    assert anne.get("/_api/session")["control"]["holder"] == "phone-1"
+    anne.post("/_api/lease", action="give_up")
+    ben.post("/_api/stop", engaged=False, press="press:1")
+    assert ben.get("/_api/session")["control"]["holder"] is None, "letting go takes no control"
 
 
 def test_control_releases_the_stops_that_it_has_seen(anne: Browser, ben: Browser, open_socket: Open) -> None:

@@ -195,10 +195,9 @@ def test_session_lets_go_of_its_own_press_only(left: bool) -> None:
         stops.set_stop("page", True, 0, "press:1")
         stops.leave("page", SECOND, False)
     stops.hold_for("phone-1", 1, "press:2")
-    for presses in ([], ["press:2"], ["press:1", "press:2"]):
-        assert not stops.withdraw(presses, "page")
+    assert not stops.withdraw("press:2", "page") and not stops.withdraw("press:1", "phone-1")
     assert len(texts(stops)) == 2
-    assert stops.withdraw(["press:1"], "page") and texts(stops) == ["phone-1 stopped the robot"]
+    assert stops.withdraw("press:1", "page") and texts(stops) == ["phone-1 stopped the robot"]
 
 
 def test_stop_of_a_page_that_was_lost_while_driving_is_not_let_go_of() -> None:
@@ -206,7 +205,7 @@ def test_stop_of_a_page_that_was_lost_while_driving_is_not_let_go_of() -> None:
     stops.note_velocity("page", True, 0)
     stops.leave("page", 1, True)
     (hold,) = stops.reasons()
-    assert not stops.withdraw([hold.press], "page") and stops.reasons() == [hold]
+    assert not stops.withdraw(hold.press, "page") and stops.reasons() == [hold]
 
 
 def test_released_press_of_a_lost_page_is_over_when_it_is_back() -> None:

@@ -10,7 +10,7 @@ import { isRewound } from "@/state/rewind";
 
 /** Requests that command nothing, the stop, and what takes back a stop of this page alone. */
 const ALLOWED: readonly ((path: string, body: Record<string, unknown>) => boolean)[] = [
-  (path, { engaged, presses }) => path === "/_api/stop" && (engaged === true || (Array.isArray(presses) && presses.length > 0 && presses.every(isOwnPress))),
+  (path, { engaged, press }) => path === "/_api/stop" && (engaged === true || isOwnPress(press)),
   (path, { action }) => path === "/_api/lease" && ["grant", "refuse", "give_up"].includes(String(action)),
   (path) => path === "/_api/doctor/examination" || path === "/_api/pair",
 ];

@@ -29,7 +29,7 @@ it.each([true, false])("repeats what got no answer, engaged %s, until it has one
   stop.state(engaged, "a");
   await vi.advanceTimersByTimeAsync(10_000);
   expect(post).toHaveBeenCalledTimes(4);
-  expect(told).toEqual([engaged ? { engaged, press: "a" } : { engaged, presses: ["a"] }]);
+  expect(told).toEqual([{ engaged, press: "a" }]);
 });
 
 it("says what the console refuses, and does not repeat it", async () => {
@@ -46,13 +46,26 @@ it("no longer repeats a stop that was let go of meanwhile", async () => {
   stop.state(true, "a");
   stop.state(false, "a");
   await vi.advanceTimersByTimeAsync(10_000);
-  expect(told).toEqual([{ engaged: false, presses: ["a"] }]);
+  expect(told).toEqual([{ engaged: false, press: "a" }]);
 });
 
-it("lets go of an earlier press although a later one holds", async () => {
+it("lets go of a press only once the console has answered to it", async () => {
+  const answers: (() => void)[] = [];
+  const post = vi.fn(() => new Promise<void>((resolve) => answers.push(resolve)));
+  const stop = new StopOfConsole(post, vi.fn());
+  stop.state(true, "a");
+  stop.state(false, "a");
+  await vi.advanceTimersByTimeAsync(1000);
+  expect(post.mock.calls).toEqual([[{ engaged: true, press: "a" }]]);
+  answers[0]?.();
+  await vi.advanceTimersByTimeAsync(0);
+  expect(post.mock.lastCall).toEqual([{ engaged: false, press: "a" }]);
+});
+
+it("states a later press although an earlier one has no answer yet", async () => {
   const { stop, told } = openStop(1);
   stop.state(false, "a");
   stop.state(true, "b");
   await vi.advanceTimersByTimeAsync(10_000);
-  expect(told).toEqual([{ engaged: true, press: "b" }, { engaged: false, presses: ["a"] }]);
+  expect(told).toEqual([{ engaged: true, press: "b" }, { engaged: false, press: "a" }]);
 });

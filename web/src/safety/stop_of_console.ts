@@ -7,6 +7,8 @@ const RETRY_MS = 1000;
 export class StopOfConsole {
   /** What was stated last of each press: a press that somebody else released is followed by another. */
   private readonly stated = new Map<string, { engaged: boolean }>();
+  /** Of each press, the end of what was sent last. */
+  private readonly sent = new Map<string, Promise<void>>();
 
   /** `refused` is told of an answer that is a refusal: it would be the same again. */
   constructor(
@@ -18,19 +20,22 @@ export class StopOfConsole {
     if (this.stated.get(press)?.engaged === engaged) return;
     const statement = { engaged };
     this.stated.set(press, statement);
-    this.send(press, statement);
+    // In order: a withdrawal that overtook its stop would leave that engaged.
+    this.sent.set(press, (this.sent.get(press) ?? Promise.resolve()).then(() => this.send(press, statement)));
   }
 
-  private send(press: string, statement: { engaged: boolean }): void {
-    const body = statement.engaged ? { engaged: true, press } : { engaged: false, presses: [press] };
-    this.post(body).catch((error: unknown) => {
-      if (error instanceof ApiError && error.status >= 400 && error.status < 500) {
-        this.refused(error);
+  private async send(press: string, statement: { engaged: boolean }): Promise<void> {
+    while (this.stated.get(press) === statement) {
+      try {
+        await this.post({ ...statement, press });
         return;
+      } catch (error) {
+        if (error instanceof ApiError && error.status >= 400 && error.status < 500) {
+          this.refused(error);
+          return;
+        }
       }
-      setTimeout(() => {
-        if (this.stated.get(press) === statement) this.send(press, statement);
-      }, RETRY_MS);
-    });
+      await new Promise((resolve) => void setTimeout(resolve, RETRY_MS));
+    }
   }
 }
