@@ -200,7 +200,7 @@ def test_session_lets_go_of_its_own_press_only(left: bool) -> None:
     assert stops.withdraw("press:1", "page") and texts(stops) == ["phone-1 stopped the robot"]
 
 
-def test_stop_of_a_page_that_was_lost_while_driving_is_not_let_go_of() -> None:
+def test_stop_of_a_page_lost_while_driving_is_not_withdrawn() -> None:
     stops = registry("page")
     stops.note_velocity("page", True, 0)
     stops.leave("page", 1, True)
