@@ -77,7 +77,7 @@ _STOP_BODY: dict[str, dict[str, Any]] = {
     "engaged": {"type": "boolean"},
     "press": {
         "type": "string",
-        "description": "to stop: the name of this press, as in the page's publications; to let go of it, which needs no control",
+        "description": "to stop: the name of this press, as in the page's publications; to let go of it, without control",
     },
     "presses": {
         "type": "array",

@@ -25,7 +25,7 @@ export class StopOfConsole {
   }
 
   private async send(press: string, statement: { engaged: boolean }): Promise<void> {
-    while (this.stated.get(press) === statement) {
+    do {
       try {
         await this.post({ ...statement, press });
         return;
@@ -36,6 +36,6 @@ export class StopOfConsole {
         }
       }
       await new Promise((resolve) => void setTimeout(resolve, RETRY_MS));
-    }
+    } while (this.stated.get(press) === statement);
   }
 }
