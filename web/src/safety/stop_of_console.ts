@@ -10,7 +10,7 @@ export class StopOfConsole {
   /** Of each press, the end of what was sent last. */
   private readonly sent = new Map<string, Promise<void>>();
 
-  /** `refused` is told of an answer that is a refusal: it would be the same again. */
+  /** `refused` gets the error of a request that the console refused. Such a request is not repeated. */
   constructor(
     private readonly post: (body: unknown) => Promise<unknown>,
     private readonly refused: (error: unknown) => void,

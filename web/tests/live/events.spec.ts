@@ -22,7 +22,7 @@ test("every loss of control is said to who lost it, and is on record with every 
   const [adaName, bobName] = [await sessionName(ada), await sessionName(bob)];
   await takeControl(ada);
 
-  // A question without an answer: the dialog of who has control counts down, and the other is told.
+  // A request for control that nobody answers: the holder's dialog counts down, and the requester is told.
   await openControl(bob, adaName);
   await button(bob, "Ask for control").click();
   const left = async () => Number(/you keep control: (\d+) s/.exec((await ada.getByRole("dialog").textContent()) ?? "")?.[1] ?? -1);
