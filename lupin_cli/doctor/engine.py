@@ -17,6 +17,7 @@ from lupin_cli.facts.base import Unknown
 from lupin_cli.printed_commands import complete
 
 _LOST = "packets-lost"  # a program that joins meets the others with a burst, of which this visit's got through
+_PROFILE_CHANGED = "profile-changed"
 _DATA = OVER_GRAPH | NEED_VENDOR  # findings that show, or cause, that data does not arrive
 STOPPED = "process-stopped"  # its process does nothing now, whatever arrived before
 _UNREACHABLE = "robot-unreachable"  # it has an exit status of its own, whatever explains it
@@ -122,6 +123,9 @@ def weigh_by_ground_truth(findings: Iterable[Finding], truth: GroundTruth | None
     One that would take all data away is only a warning while all data arrives: it is not in effect, and explains no lack of
     data. A profile that was edited after its processes had read it, for example, breaks the robot at the next start. It remains
     a problem if it causes another one. And a warning is a problem if nothing else explains data that does not arrive.
+
+    That a profile is newer than its processes is left out if something else explains all that is missing: login scripts of the
+    vendor write the same profile again.
     """
     found = tuple(findings)
     state = truth.state if truth is not None else State.UNOBSERVED
@@ -130,6 +134,8 @@ def weigh_by_ground_truth(findings: Iterable[Finding], truth: GroundTruth | None
     unexplained = [loss for loss in lost if not any(problem.accounts_for(loss) for problem in problems)]
     in_effect = [each for each in problems if ground_truth.UNEXPLAINED not in each.explains and each.id != _UNREACHABLE]
     for finding in found:
+        if finding.id == _PROFILE_CHANGED and lost and not unexplained:
+            continue
         severity, explains = finding.severity, finding.explains
         if state is State.HEALTHY and ground_truth.UNEXPLAINED in explains:
             explains = frozenset(each for each in explains if each.partition(":")[0] not in _DATA)

@@ -177,6 +177,16 @@ def test_warning_is_a_problem_if_only_it_explains_a_loss(finding: Callable[..., 
     assert severity_of_warning(replace(loss, id="another")) is Severity.WARNING
 
 
+def test_profile_written_again_is_no_root_beside_the_cause(finding: Callable[..., Any]) -> None:
+    def roots(*others: Finding) -> list[str]:
+        changed = finding("profile-changed", severity=Severity.WARNING)
+        found = weigh_by_ground_truth([changed, finding("unexplained"), *others], GroundTruth(State.BROKEN))
+        return [root.finding.id for root in fold_consequences(found)]
+
+    assert roots(finding("robot-multi-homed", "unexplained")) == ["robot-multi-homed"]
+    assert roots(finding("robot-multi-homed", "unexplained:other")) == ["unexplained", "robot-multi-homed", "profile-changed"]
+
+
 def test_same_finding_of_two_checks_is_listed_once(finding: Callable[..., Any]) -> None:
     assert len(fold_consequences([finding("a"), finding("a")])) == 1
 
