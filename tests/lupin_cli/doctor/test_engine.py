@@ -97,13 +97,13 @@ def test_raising_check_is_named_and_others_still_run(finding: Callable[..., Any]
 
     found = finding("no-server")
     diagnosis = diagnose([Check("broken", breaks), Check("works", lambda _e: [found])], NOTHING)  # type: ignore[arg-type]
-    assert diagnosis.check_errors == ("check broken: ZeroDivisionError: division by zero",)
+    assert list(map(str, diagnosis.check_errors)) == ["check broken: ZeroDivisionError: division by zero"]
     assert diagnosis.findings == (found,)
 
 
 def test_unknown_facts_are_listed_with_their_machine() -> None:
     snapshot = Snapshot(Facts("laptop", {"a": 1, "b": Unknown("slow")}), Facts("robot", {"c": Unknown("odd")}))
-    assert diagnose([], snapshot).unknown == ("laptop: b: slow", "robot: c: odd")
+    assert list(map(str, diagnose([], snapshot).unknown)) == ["laptop: b: slow", "robot: c: odd"]
 
 
 def test_transitive_consequences_are_listed_under_the_root(finding: Callable[..., Any]) -> None:
@@ -184,6 +184,7 @@ def test_profile_written_again_is_no_root_beside_the_cause(finding: Callable[...
         return [root.finding.id for root in fold_consequences(found)]
 
     assert roots(finding("robot-multi-homed", "unexplained")) == ["robot-multi-homed"]
+    assert roots(finding("unit-not-enabled", "unexplained", severity=Severity.WARNING)) == ["unit-not-enabled"]
     assert roots(finding("robot-multi-homed", "unexplained:other")) == ["unexplained", "robot-multi-homed", "profile-changed"]
 
 
