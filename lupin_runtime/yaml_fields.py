@@ -7,7 +7,7 @@ from pathlib import Path
 import yaml
 
 from lupin_runtime.atomic_file import MalformedFile
-from lupin_runtime.yaml_text import compose_yaml
+from lupin_runtime.yaml_text import compose_yaml, where_and_why
 
 
 class YamlFields:
@@ -18,9 +18,7 @@ class YamlFields:
         try:
             root = compose_yaml(text)
         except yaml.YAMLError as error:
-            mark = getattr(error, "problem_mark", None)
-            problem = str(getattr(error, "problem", None) or error)
-            raise MalformedFile(path, mark.line + 1 if mark is not None else None, f"not YAML: {problem}") from error
+            raise MalformedFile(path, *where_and_why(error)) from error
         if not isinstance(root, yaml.MappingNode):
             raise MalformedFile(path, 1, f"expected {expected}")
         self._path = path

@@ -32,6 +32,13 @@ def compose_yaml(text: str) -> yaml.Node | None:
     return root
 
 
+def where_and_why(error: Exception) -> tuple[int | None, str]:
+    """Return the line at which a document is not YAML, None if it is not known, and the reason in one line."""
+    mark = getattr(error, "problem_mark", None)
+    reason = str(getattr(error, "problem", None) or error).replace("\n", " ")
+    return mark.line + 1 if mark is not None else None, f"not YAML: {reason}"
+
+
 def load_yaml(text: str | bytes) -> Any:
     """Return the value of a document. Raises yaml.YAMLError, and ValueError for a value such as the date 2024-13-45."""
     return yaml.load(text, Loader=BoundedLoader)  # noqa: S506 -- a safe loader

@@ -11,7 +11,7 @@ import yaml
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.bounded_file import NotUtf8, read_bounded_text
-from lupin_runtime.yaml_text import load_yaml
+from lupin_runtime.yaml_text import load_yaml, where_and_why
 
 CONFIGURATION = Path("/etc/lupin/cameras.yaml")
 _MAX_BYTES = 100_000
@@ -76,9 +76,8 @@ def read_configuration(path: Path = CONFIGURATION) -> CameraConfiguration:
         raise MalformedFile(path, error.line, error.problem) from error
     try:
         read = load_yaml(content)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        raise MalformedFile(path, mark.line + 1 if mark is not None else None, f"not YAML: {error}") from error
+    except (yaml.YAMLError, ValueError) as error:
+        raise MalformedFile(path, *where_and_why(error)) from error
     kinds = {"color": Color, "depth": Depth, "point_cloud": PointCloud, "gripper": Gripper}
     try:
         sections = _mapping(read if read is not None else {}, "the file", kinds)

@@ -28,7 +28,7 @@ import yaml
 
 from lupin_runtime.bounded_file import read_bounded_text
 from lupin_runtime.layout import LayoutError, LayoutText
-from lupin_runtime.yaml_text import compose_yaml, load_yaml
+from lupin_runtime.yaml_text import compose_yaml, load_yaml, where_and_why
 
 DAY_S = 86400.0
 DEFAULT_SPEEDUP = 1800.0  # a day in 48 s
@@ -184,10 +184,8 @@ def check_config_file(path: Path) -> None:
     try:
         root = compose_yaml(text)
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = mark.line + 1 if mark is not None else 1
-        problem = getattr(error, "problem", None) or str(error)
-        raise GreenhouseConfigError(f"{path}:{line}: the simulator configuration is not YAML: {problem}") from error
+        line, problem = where_and_why(error)
+        raise GreenhouseConfigError(f"{path}:{line or 1}: the simulator configuration is {problem}") from error
     sections = _section(path, "the file", root)
     if "sensors" not in sections:
         raise GreenhouseConfigError(f"{path}:1: the simulator configuration has no section 'sensors'")

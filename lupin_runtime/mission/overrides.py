@@ -9,9 +9,9 @@ from pathlib import Path
 
 import yaml
 
-from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.bounded_file import read_bounded_text
-from lupin_runtime.yaml_text import compose_yaml
+from lupin_runtime.yaml_text import compose_yaml, where_and_why
 
 OVERRIDES_NAME = "overrides.yaml"  # of a run, in its directory
 _KEYS = ("goal_x", "goal_y", "yaw", "standoff")
@@ -42,11 +42,7 @@ def load_overrides(path: Path) -> dict[str, Override]:
     except OSError as error:
         raise OverridesError(f"{path}: cannot read the approach overrides: {error.strerror or error}") from error
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark is not None else ""
-        raise OverridesError(f"{path}{line}: not YAML: {getattr(error, 'problem', None) or error}") from error
-    except RecursionError as error:
-        raise OverridesError(f"{path}: brackets are nested too deeply to be read") from error
+        raise OverridesError(str(MalformedFile(path, *where_and_why(error)))) from error
     if root is None:
         return {}
     entries = dict(_entries(path, "the file", root)).get("overrides")

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from lupin_runtime.bounded_file import is_file, read_bounded_text
-from lupin_runtime.yaml_text import load_yaml
+from lupin_runtime.yaml_text import load_yaml, where_and_why
 
 METADATA = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
@@ -50,9 +50,8 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror or error}") from error
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}: " if mark is not None else ""
-        raise ValueError(f"{where}is not YAML: {getattr(error, 'problem', None) or error}".replace("\n", " ")) from error
+        line, problem = where_and_why(error)
+        raise ValueError(f"{f'line {line}: ' if line is not None else ''}is {problem}") from error
     information = document.get(_ROOT) if isinstance(document, dict) else None
     paths = information.get("relative_file_paths") if isinstance(information, dict) else None
     if not isinstance(paths, list) or not paths or not all(isinstance(name, str) and name for name in paths):
