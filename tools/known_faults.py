@@ -67,7 +67,7 @@ _CLOCKS_PROCESSES_LINK = (
          "tests/lupin_runtime/stack/test_dds.py::test_loopback_environment_drops_foreign_dds_variables")),
     KnownFault(14, "A robot on two networks responds on the wrong one, and data flows in one direction only.",
         "playbooks/single-home.yaml",
-        ("tests/lupin_cli/checks/test_network_checks.py::test_multihomed_robot_with_unroutable_address_is_named",
+        ("tests/lupin_cli/checks/test_address_checks.py::test_multihomed_robot_with_unroutable_address_is_named",
          "tests/lupin_cli/checks/test_graph_checks_on_host.py::test_multihomed_robot_shows_one_way_data")),
     KnownFault(50, "Two instances of one server control the strip or the arm at the same time.", "lupin_runtime/stack/table.py",
         ("tests/lupin_runtime/stack/test_table.py::test_no_node_runs_twice",

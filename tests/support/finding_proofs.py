@@ -14,11 +14,24 @@ _CAMERAS = "tests/lupin_cli/systemd/test_cameras_on_host.py"
 _GRAPH = "tests/lupin_cli/checks/test_graph_checks_on_host.py"
 _PROBE = "tests/lupin_runtime/stack/test_graph_probe.py"
 # Tests that judge output captured from a machine.
-_NETWORK_CAPTURES = "tests/lupin_cli/checks/test_network_checks.py"
+_SERVER_CAPTURES = "tests/lupin_cli/checks/test_discovery_checks.py"
+_ENVIRONMENT_CAPTURES = "tests/lupin_cli/checks/test_environment_checks.py"
+_PROFILE_CAPTURES = "tests/lupin_cli/checks/test_profile_checks.py"
+_ADDRESS_CAPTURES = "tests/lupin_cli/checks/test_address_checks.py"
 _LINK_CAPTURES = "tests/lupin_cli/checks/test_link_checks.py"
 _HEALTH_CAPTURES = "tests/lupin_cli/checks/test_health_checks.py"
 _CASES = "tests/lupin_cli/checks/test_captured_cases.py"
 _GRAPH_CAPTURES = "tests/lupin_cli/checks/test_graph_checks.py"
+_CAPTURES = (
+    _SERVER_CAPTURES,
+    _ENVIRONMENT_CAPTURES,
+    _PROFILE_CAPTURES,
+    _ADDRESS_CAPTURES,
+    _LINK_CAPTURES,
+    _HEALTH_CAPTURES,
+    _CASES,
+    _GRAPH_CAPTURES,
+)
 
 
 @dataclass(frozen=True)
@@ -31,7 +44,7 @@ class Proof:
     @property
     def captured(self) -> bool:
         """Whether the test judges captured output instead of causing the fault."""
-        return self.test.partition("::")[0] in (_NETWORK_CAPTURES, _LINK_CAPTURES, _HEALTH_CAPTURES, _CASES, _GRAPH_CAPTURES)
+        return self.test.partition("::")[0] in _CAPTURES
 
 
 _DAMAGED_RELEASE = "tests/lupin_cli/release/test_signing_on_host.py::test_changed_byte_is_named_refused_and_repaired"
@@ -65,9 +78,9 @@ PROOFS = {
     "part-missing": Proof(f"{_GRAPH_CAPTURES}::test_part_without_publishers_is_named_with_its_unit",
         "the simulated robot is one process, of which no part can be missing"),
     "no-carrier": Proof(_UNREACHABLE),
-    "wifi-roamed": Proof(f"{_NETWORK_CAPTURES}::test_roamed_wifi_explains_unreachable_robot",
+    "wifi-roamed": Proof(f"{_ADDRESS_CAPTURES}::test_roamed_wifi_explains_unreachable_robot",
         "the simulated laptop runs no NetworkManager; the simulator's fault `wifi-roam` only removes its route"),
-    "wifi-may-roam": Proof(f"{_NETWORK_CAPTURES}::test_equal_wifi_priorities_warn_only_over_radio",
+    "wifi-may-roam": Proof(f"{_ADDRESS_CAPTURES}::test_equal_wifi_priorities_warn_only_over_radio",
         "the simulated laptop runs no NetworkManager"),
     "network-conflict": Proof(f"{_LINK_CAPTURES}::test_own_address_of_the_laptop_is_no_robot",
         "the simulated laptop has the addresses that the simulated robot gives it"),
@@ -86,24 +99,24 @@ PROOFS = {
     "discovery-port-taken": Proof(_BAD_SERVER),
     "discovery-server-stopped": Proof(_BAD_SERVER),
     "discovery-server-pinned": Proof(_BAD_SERVER),
-    "discovery-server-other-id": Proof(f"{_NETWORK_CAPTURES}::test_server_with_another_id_is_named",
+    "discovery-server-other-id": Proof(f"{_SERVER_CAPTURES}::test_server_with_another_id_is_named",
         "the command line is judged from captured output"),
     "robot-multi-homed": Proof(f"{_LINK}::test_announced_address_without_route_is_named"),
     "process-older-than-interface": Proof(f"{_LINK}::test_process_older_than_link_address_is_named"),
     "process-multicast-only": Proof(f"{_SETUP}::test_node_from_unconfigured_shell_is_the_only_root_cause"),
     "process-wrong-server": Proof(f"{_SETUP}::test_node_with_wrong_server_is_the_only_root_cause"),
-    "rmw-mismatch": Proof(f"{_NETWORK_CAPTURES}::test_process_on_another_middleware_is_named",
+    "rmw-mismatch": Proof(f"{_ENVIRONMENT_CAPTURES}::test_process_on_another_middleware_is_named",
         "only Fast DDS is installed in the test environment"),
     "dds-not-set-up": Proof(_BAD_SHELL),
     "source-order": Proof(f"{_SETUP}::test_wrong_source_order_is_the_only_root_cause"),
     "shell-multicast-only": Proof(_BAD_SHELL),
-    "shell-without-profile": Proof(f"{_NETWORK_CAPTURES}::test_shell_without_the_profile_is_named",
+    "shell-without-profile": Proof(f"{_ENVIRONMENT_CAPTURES}::test_shell_without_the_profile_is_named",
         "the variables are judged from captured output"),
     "shell-rmw-mismatch": Proof(_BAD_SHELL),
-    "shell-other-graph": Proof(f"{_NETWORK_CAPTURES}::test_shell_variables_that_lead_elsewhere_are_named",
+    "shell-other-graph": Proof(f"{_ENVIRONMENT_CAPTURES}::test_shell_variables_that_lead_elsewhere_are_named",
         "the variables are judged from captured output"),
     "shell-wrong-server": Proof(f"{_PATH}::test_wrong_port_is_named"),
-    "shell-program-fails": Proof(f"{_NETWORK_CAPTURES}::test_program_that_fails_in_this_shell_is_named",
+    "shell-program-fails": Proof(f"{_ENVIRONMENT_CAPTURES}::test_program_that_fails_in_this_shell_is_named",
         "the error is judged from captured output"),
     "stale-daemon": Proof(f"{_SETUP}::test_stale_ros2_daemon_is_the_only_root_cause",
         "the test starts a node with the daemon's command line, because the ROS wheels contain no ros2 command"),
@@ -112,10 +125,10 @@ PROOFS = {
     "profile-not-super-client": Proof(_BAD_PROFILE),
     "profile-wrong-prefix": Proof(_BAD_PROFILE),
     "profile-without-server": Proof(_NO_SERVER),
-    "profile-excludes-link": Proof(f"{_NETWORK_CAPTURES}::test_profile_that_excludes_the_link_is_named",
+    "profile-excludes-link": Proof(f"{_PROFILE_CAPTURES}::test_profile_that_excludes_the_link_is_named",
         "the files are judged from captured output"),
     "profile-wrong-address": Proof(_BAD_PROFILE),
-    "profile-changed": Proof(f"{_NETWORK_CAPTURES}::test_process_older_than_its_profile_is_named",
+    "profile-changed": Proof(f"{_PROFILE_CAPTURES}::test_process_older_than_its_profile_is_named",
         "the ages are judged from captured output"),
     "process-stopped": Proof(f"{_PATH}::test_stopped_process_of_a_service_is_the_only_root",
         "without asking if it is the e-stop"),
@@ -137,9 +150,9 @@ PROOFS = {
     "release-unsigned": Proof(_CAPTURED_CASE),
     "groups-missing": Proof(_PREREQUISITE),
     "home-not-writable": Proof(_PREREQUISITE),
-    "unit-environment": Proof(f"{_NETWORK_CAPTURES}::test_unit_environment_that_leads_elsewhere_is_named",
+    "unit-environment": Proof(f"{_ENVIRONMENT_CAPTURES}::test_unit_environment_that_leads_elsewhere_is_named",
         "only Fast DDS is installed in the test environment"),
-    "process-environment": Proof(f"{_NETWORK_CAPTURES}::test_environment_of_robot_processes_is_judged",
+    "process-environment": Proof(f"{_ENVIRONMENT_CAPTURES}::test_environment_of_robot_processes_is_judged",
         "the variables are judged from captured output"),
     "unit-frozen": Proof(f"{_HEALTH_CAPTURES}::test_frozen_and_restricted_units_are_parsed_and_named",
         "the simulated computer's kernel freezes no control group"),

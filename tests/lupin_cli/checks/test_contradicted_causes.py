@@ -21,7 +21,7 @@ from lupin_runtime.safety.expected_sources import BUTTON, UNHEARD
 from tests.lupin_cli.checks.conftest import CHECKS as NETWORK
 from tests.lupin_cli.checks.conftest import Machines
 from tests.lupin_cli.checks.test_ground_truth import received, timed, without
-from tests.lupin_cli.checks.test_network_checks import changed, without_access_point
+from tests.support.changed_facts import changed, without_access_point
 from tests.support.findings import assert_findings_match_rows
 
 CHECKS = (*ground_truth.CHECKS, *missing_parts.CHECKS, *topic_delivery.CHECKS, *controllers.CHECKS, *drive.CHECKS, *NETWORK)
