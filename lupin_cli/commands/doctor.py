@@ -22,7 +22,8 @@ from lupin_cli.terminal import confirm, echo, ending_in_order, erase_status_line
 if TYPE_CHECKING:
     from lupin_cli.checks.base import Check, Finding, Gap
     from lupin_cli.connection.inventory import Config, Robot
-    from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, FixResult
+    from lupin_cli.doctor.fixes import FixResult
+    from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession
 
 WATCH_PERIOD_S = 2.0
 

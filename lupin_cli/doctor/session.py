@@ -8,24 +8,29 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lupin_cli.checks import ground_truth
 from lupin_cli.checks import path as path_checks
 from lupin_cli.checks.base import Check, Finding, Gap, Severity, Snapshot
 from lupin_cli.checks.dds_environment import server_host
-from lupin_cli.checks.findings import FINDINGS
 from lupin_cli.checks.ground_truth import State, measure
-from lupin_cli.checks.layers import STAMPS
 from lupin_cli.checks.packet_filter import SSH_PORT
 from lupin_cli.checks.path_losses import loses_bursts
 from lupin_cli.checks.stale_resources import AT_RISK, MEMORY_AT_RISK
 from lupin_cli.connection.base import Target, TargetError
 from lupin_cli.connection.destination import parse_destination
+from lupin_cli.doctor.doubts import (
+    answers_are_missing,
+    is_lost_on_the_way,
+    may_lose_packets,
+    takes_too_long,
+    unconfirmed_losses,
+)
 from lupin_cli.doctor.engine import STOPPED, Diagnosis, diagnose
-from lupin_cli.doctor.gathering import TIMED_OUT, gather_facts, gather_followup_facts, gather_snapshot, needed_facts
+from lupin_cli.doctor.fixes import FixResult, judge_fix, play_fix
+from lupin_cli.doctor.gathering import gather_facts, gather_followup_facts, gather_snapshot, needed_facts
 from lupin_cli.facts.addresses import ADDRESSES
-from lupin_cli.facts.base import Facts, Unknown
+from lupin_cli.facts.base import Facts
 from lupin_cli.facts.graph import GRAPH
 from lupin_cli.facts.link import Link
 from lupin_runtime.stack.dds import NoRobotEnvironment, robot_environment
@@ -36,17 +41,12 @@ if TYPE_CHECKING:
     from lupin_cli.facts.clock import Offset
     from lupin_cli.link.path import Path
     from lupin_cli.link.quality import Ping
-    from lupin_cli.playbook import Event
 
 # A fix can reveal another cause. Three rounds are more than any pair of known faults needs.
 MAX_FIX_ROUNDS = 3
 MAX_PARALLEL_ROBOTS = 20
 PATH_CHECKS = tuple(check.name for check in path_checks.CHECKS)
-SLOW_ROUND_TRIP_S, LATE_ROUND_TRIP_S, HOPELESS_ROUND_TRIP_S = 0.1, 0.3, 1.0
 LATE_VISIT_S = 4.0  # a visit of a working robot takes about two; a lost discovery packet is sent again seconds later
-CLOCK_CHECK = "clock.drift"
-MANY_TIMEOUTS = 3  # of a robot's probes
-LOSS_MAY_CAUSE = ("timeout", "silent", "lost")  # kinds of failed connections that a link can cause which loses packets
 # After a fix, a restarted stack may need this long until its topics deliver samples again.
 AFTER_FIX_TIMEOUT_S = 30.0
 
@@ -93,48 +93,6 @@ class DoctorScope:
         return ""
 
 
-def _may_lose_packets(link: Link | None) -> bool:
-    """Return whether the robot did not answer, or so late that drive commands come late, or only in part."""
-    if link is None or not link.reachable:
-        return link is not None and link.kind in LOSS_MAY_CAUSE
-    return link.clock is None or 2 * link.clock.bound_s > SLOW_ROUND_TRIP_S  # the clock is the first that a batch answers
-
-
-def _takes_too_long(snapshot: Snapshot) -> bool:
-    """Return whether asking the robot's end for each burst would take half a minute, and the delay is the fault or none is."""
-    clock = snapshot.link.clock if snapshot.link is not None else None
-    round_trip_s = 2 * clock.bound_s if clock is not None else 0.0
-    if round_trip_s > HOPELESS_ROUND_TRIP_S:
-        return True
-    return round_trip_s > LATE_ROUND_TRIP_S and measure(snapshot).state is State.HEALTHY
-
-
-def _is_lost_on_the_way(snapshot: Snapshot, diagnosis: Diagnosis) -> bool:
-    """Return whether something is missing here that packets may have taken with them: no stamps that a wrong clock explains."""
-    truth = measure(snapshot)
-    only_stamps = set(truth.losses) == {STAMPS}
-    return truth.state is State.BROKEN and not (only_stamps and diagnosis.by_check.get(CLOCK_CHECK))
-
-
-def unconfirmed_losses(diagnosis: Diagnosis) -> list[Finding]:
-    """Return the losses that nothing explains but a warning: what is no problem by itself proves no loss."""
-    rows = {row.id: row for row in FINDINGS}
-    causes = [
-        root.finding
-        for root in diagnosis.roots
-        if root.finding.id in rows and rows[root.finding.id].severity is Severity.PROBLEM
-        if root.finding.severity is Severity.PROBLEM
-    ]
-    losses = diagnosis.by_check[ground_truth.NAME]
-    return [loss for loss in losses if not any(cause.accounts_for(loss) for cause in causes)]
-
-
-def _answers_are_missing(snapshot: Snapshot) -> bool:
-    """Return whether several probes of the robot did not end in time: it is overloaded, or its answers are lost on the way."""
-    facts = snapshot.robot.values.values() if snapshot.robot is not None else ()
-    return sum(isinstance(value, Unknown) and TIMED_OUT in value.reason for value in facts) >= MANY_TIMEOUTS
-
-
 @dataclass(frozen=True)
 class DoctorResult:
     """One examination: the facts, and what the checks found in them."""
@@ -146,33 +104,6 @@ class DoctorResult:
     def link(self) -> Link | None:
         """How the robot was reached, or why not; None if no robot was selected."""
         return self.snapshot.link
-
-
-@dataclass(frozen=True)
-class FixResult:
-    """A playbook that was played for a finding, and how it ended."""
-
-    finding: str
-    playbook: str
-    state: str  # healed, done, failed, declined, unreachable, interrupted, refused
-    changed: int = 0
-    message: str = ""
-    dry_run: bool = False
-    changes: tuple[str, ...] = ()  # what each step changed, or would change
-    where: str = ""  # of the finding
-    about: str = ""  # of the finding
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON-able data."""
-        return {
-            "finding": self.finding,
-            "machine": self.where,
-            "playbook": self.playbook,
-            "state": self.state,
-            "changed": self.changed,
-            "message": self.message,
-            "dry_run": self.dry_run,
-        }
 
 
 class DoctorSession:
@@ -206,9 +137,9 @@ class DoctorSession:
             )
         diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
         if snapshot.path is None and (
-            _is_lost_on_the_way(snapshot, diagnosis)
-            or _may_lose_packets(snapshot.link)
-            or _answers_are_missing(snapshot)
+            is_lost_on_the_way(snapshot, diagnosis)
+            or may_lose_packets(snapshot.link)
+            or answers_are_missing(snapshot)
             # The next program that joins may not be as lucky.
             or measure(snapshot).visit_s > LATE_VISIT_S
             or (snapshot.link is not None and snapshot.link.reachable and loses_bursts(self._burst.result()))
@@ -252,7 +183,7 @@ class DoctorSession:
         address = self._dds_address(snapshot)
         if not address.replace(".", "").isdigit():
             return None
-        robot = self._target if snapshot.link.reachable and not _takes_too_long(snapshot) else None
+        robot = self._target if snapshot.link.reachable and not takes_too_long(snapshot) else None
         knocks = snapshot.link.kind == "timeout" or snapshot.link.unasked
         sshd = (snapshot.link.address, self._sshd_port()) if knocks else None
         path = measure_from(self.scope.laptop, robot, address, self._on_layer, sshd)
@@ -344,29 +275,16 @@ class DoctorSession:
         snapshot = replace(result.snapshot, robot=facts)
         return next(iter(diagnose([MEMORY_AT_RISK], snapshot).findings), None)
 
-    def judge_fix(self, fix: FixResult, result: DoctorResult) -> FixResult:
-        """Return a fix as the last examination shows it: healed if its finding was looked for again, and is gone."""
-        if fix.state != "done" or fix.dry_run:
-            return fix
-        subject = (fix.finding, fix.where, fix.about)
-        if any((each.id, each.where, each.about) == subject for each in result.diagnosis.findings):
-            return replace(fix, message="the finding is still there")
-        if not self._was_examined(fix, result):
-            return replace(fix, message="it could not be examined whether the finding is gone")
-        return replace(fix, state="healed", message="")
+    def play_fix(self, finding: Finding, *, dry_run: bool = False) -> FixResult:
+        """Play the playbook of a finding, without asking."""
+        targets: dict[str, Target] = {"laptop": self.scope.laptop}
+        if self._target is not None:
+            targets["robot"] = self._target
+        return play_fix(finding, targets, dry_run=dry_run)
 
-    def _was_examined(self, fix: FixResult, result: DoctorResult) -> bool:
-        """Return whether the check that found a finding ran again, and had all facts that it needs."""
-        name = next((row.check for row in FINDINGS if row.id == fix.finding), "")  # empty: a plug-in's
-        check = next((check for check in self.scope.checks if check.name == name), None)
-        if check is None:
-            return not name and not result.diagnosis.check_errors
-        if name not in result.diagnosis.by_check:
-            return False
-        snapshot = result.snapshot
-        if (self.scope.robot is not None and snapshot.robot is None) or any(map(snapshot.laptop.why_unknown, check.laptop)):
-            return False
-        return snapshot.robot is None or not any(map(snapshot.robot.why_unknown, check.robot))
+    def judge_fix(self, fix: FixResult, result: DoctorResult) -> FixResult:
+        """Return a fix as the last examination shows it."""
+        return judge_fix(fix, result.snapshot, result.diagnosis, self.scope.checks)
 
     def close(self) -> None:
         """Close the connection to the robot, if one was opened."""
@@ -402,34 +320,6 @@ class DoctorSession:
             return estimate([Sample(reading.sent_ns, parse_epoch(reading.text), reading.received_ns)]).offset
         except ClockError:
             return None  # checks fall back on the fact `clock`
-
-    def play_fix(self, finding: Finding, *, dry_run: bool = False) -> FixResult:
-        """Play the playbook of a finding, without asking."""
-        from lupin_cli.playbook import JournalError, PlaybookError, play
-
-        fix, changes = finding.fix, []
-
-        def note_change(event: Event) -> None:
-            if event.kind in ("step-end", "difference") and event.text:
-                changes.append(f"{event.step}: {event.text}" if event.step else event.text)
-
-        targets: dict[str, Target] = {"laptop": self.scope.laptop}
-        if self._target is not None:
-            targets["robot"] = self._target
-        try:
-            played = play(fix.playbook, targets, fix.variables, dry_run=dry_run, confirm=_confirm_always, on_event=note_change)
-        except (FileNotFoundError, PlaybookError, JournalError) as error:
-            state, changed, message = "refused", 0, str(error)
-        else:
-            state, changed, message = played.state, played.changed, played.message
-        return FixResult(
-            finding.id, fix.playbook, state, changed, message, dry_run, tuple(changes), finding.where, finding.about
-        )
-
-
-def _confirm_always(_question: str) -> bool:
-    """Answer a playbook's question with yes: `accept` has already allowed the fix."""
-    return True
 
 
 def examine_all(

@@ -13,9 +13,9 @@ from lupin_cli.checks.findings import FINDINGS, make_finding
 from lupin_cli.checks.ground_truth import GroundTruth, State, measure
 from lupin_cli.checks.layers import BASE_PART, BOARD_PART, DRIVE, EVERYTHING, LIDAR_PART, LUPIN, STAMPS
 from lupin_cli.connection.base import Output
+from lupin_cli.doctor.doubts import unconfirmed_losses
 from lupin_cli.doctor.engine import Diagnosis, diagnose
 from lupin_cli.doctor.report import exit_status, verdict
-from lupin_cli.doctor.session import unconfirmed_losses
 from lupin_cli.exit_codes import FAILURE, NO_RESULT, SUCCESS
 from lupin_cli.facts.addresses import Address, Addresses
 from lupin_cli.facts.base import Facts, Unknown

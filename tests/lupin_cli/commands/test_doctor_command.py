@@ -20,7 +20,8 @@ from lupin_cli.checks import table as checks_table
 from lupin_cli.checks.table import built_in, select
 from lupin_cli.commands import doctor
 from lupin_cli.connection import Output
-from lupin_cli.doctor.session import DoctorSession, FixResult
+from lupin_cli.doctor.fixes import FixResult
+from lupin_cli.doctor.session import DoctorSession
 from lupin_cli.facts import Fact
 
 Run = Callable[..., Result]

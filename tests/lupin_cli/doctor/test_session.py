@@ -17,7 +17,8 @@ from lupin_cli.connection import Output
 from lupin_cli.connection.base import Unreachable
 from lupin_cli.connection.inventory import Config, Robot
 from lupin_cli.doctor.engine import diagnose
-from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, FixResult, examine_all
+from lupin_cli.doctor.fixes import FixResult
+from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, examine_all
 from lupin_cli.facts import Fact, Facts
 from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.graph import Graph, Graphs
