@@ -116,8 +116,8 @@ def _action(*choices: str, description: str = "what to do") -> Argument:
 
 def _speed(name: str, description: str, unit: str, setting: str) -> Argument:
     """A velocity, which the envelope limits to the setting's value times the session's cap."""
-    text = f"-{setting} to {setting}, times the speed cap"
-    return Argument(name, Kind.NUMBER, description, unit, outside=Outside.LIMIT, range_text=text, default=0.0)
+    text = f"-{setting} to {setting} {unit}, times the speed cap"
+    return Argument(name, Kind.NUMBER, description, outside=Outside.LIMIT, range_text=text, default=0.0)
 
 
 # ±π, rounded up. A larger number is likely to be in degrees.

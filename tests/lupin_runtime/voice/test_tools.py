@@ -163,7 +163,7 @@ def test_declarations_are_json_with_the_required_arguments() -> None:
     assert drive["properties"]["duration_s"] == {
         "type": "number", "description": "how long to drive in s", "minimum": 0.1, "maximum": 2.0,
     }  # fmt: skip
-    assert "voiceMaxLinearMps, times the speed cap" in drive["properties"]["linear_x"]["description"]
+    assert "to voiceMaxLinearMps m/s, times the speed cap" in drive["properties"]["linear_x"]["description"]
     assert "confirmation" in declared["rotate"]["parameters"]["properties"]
     assert "confirmation" not in declared["set_light"]["parameters"]["properties"]
     assert "parameters" not in declared["stop"]
