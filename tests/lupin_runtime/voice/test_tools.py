@@ -10,6 +10,7 @@ import pytest
 from lupin_runtime.voice.arguments import BadArgument
 from lupin_runtime.voice.declarations import function_declarations
 from lupin_runtime.voice.tools import BY_NAME, COLORS, TOOLS, Effect, Gate
+from tests.support.voice_session import CALLS
 
 ESTOPPED = [
     "drive",
@@ -36,32 +37,6 @@ UNGATED = [
     "speak",
     "set_light",
 ]
-# A complete call of each tool.
-CALLS: dict[str, dict[str, Any]] = {
-    "drive": {"linear_x": 0.2, "duration_s": 1.0},
-    "stop": {},
-    "nav_goto": {"x": 1.0, "y": -2.0, "yaw": 0.5},
-    "nav_forward": {"forward_m": 1.0},
-    "rotate": {"angle_deg": 90.0},
-    "set_speed_cap": {"value": 0.5},
-    "nav_cancel": {},
-    "nav_goto_named": {"name": "home"},
-    "list_named_locations": {},
-    "save_named_location": {"name": "here"},
-    "gripper": {"action": "set", "percent": 40.0},
-    "arm_preset": {"name": "tuck"},
-    "arm_goto_pose": {"name": "wave"},
-    "arm_save_pose": {"name": "wave"},
-    "arm_list_library": {},
-    "arm_run_sequence": {"name": "hello"},
-    "arm_stop": {},
-    "arm_record": {"action": "start"},
-    "calibrate_arm": {"action": "start"},
-    "query_state": {},
-    "engage_estop": {},
-    "speak": {"text": "Good morning."},
-    "set_light": {"color": "red"},
-}
 
 
 def test_table_has_the_23_tools_of_the_contract() -> None:
