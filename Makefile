@@ -6,7 +6,8 @@ WORLD ?= demo
 
 INTERFACES := $(shell find interfaces -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name '*.py' -o -name '*.toml' -o -name package.xml | grep -v /build/)
 KERNELS := $(shell find lupin_runtime -name '_kernels.c' -o -name '*.h')
-PAGE := $(shell find web -type f -not -path '*/node_modules/*' -not -path '*/dist/*')
+PAGE := $(shell find web -type f -not -path '*/node_modules/*' -not -path '*/dist/*' -not -path '*/generated/*')
+TABLES := tools/write_page_types.py $(shell find lupin_runtime lupin_sim -name '*.py') # of which modules of the page are made
 
 .PHONY: setup mission test test-long test-page test-core test-graph test-host test-mission test-live judge coverage lint bench lock wheel clean
 
@@ -108,11 +109,11 @@ $(VENV)/.lupin: $(VENV)/.interfaces pyproject.toml setup.py $(KERNELS)
 	touch $@
 
 # The console's page, which the package carries. Node comes with the environment where the system's is too old for it.
-$(VENV)/.page: $(VENV)/.packages $(PAGE) tools/build_page.py
+$(VENV)/.page: $(VENV)/.lupin $(PAGE) $(TABLES) tools/build_page.py
 	$(PY) tools/build_page.py
 	touch $@
 
 clean:
-	rm -rf lupin_runtime/console/page web/node_modules web/dist
+	rm -rf lupin_runtime/console/page web/node_modules web/dist web/src/generated
 	rm -rf $(VENV) build *.egg-info
 	find lupin_runtime lupin_cli lupin_sim -name '*.so' -delete

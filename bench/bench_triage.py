@@ -101,7 +101,7 @@ def repair(rig: FaultRig, cases: Sequence[FaultCase], result: FaultResult, repor
     after = rig.run_doctor(*words, env=rig.environments[shell], robot=cases[0].robot)
     reported = {finding["id"] for root in report["findings"] for finding in (root, *root["consequences"])}
     without_fix = reported - {finding["id"] for finding in to_play}
-    result.played = tuple(f"{t['playbook']}: {t['state']}" for t in after["treatments"])
+    result.played = tuple(f"{t['playbook']}: {t['state']}" for t in after["fixes"])
     result.remaining = tuple(sorted({finding["id"] for finding in after["findings"]} - without_fix))
     result.healed = not result.remaining and not after["unknown"] and not after["broken"]
     if not result.healed:

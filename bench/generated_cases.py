@@ -225,12 +225,12 @@ def fix_errors(before: Truth, after: Truth, report: Mapping[str, Any]) -> tuple[
     remaining = {
         (finding["id"], finding["machine"]) for root in report["findings"] for finding in (root, *root["consequences"])
     }
-    healed = [treatment for treatment in report["treatments"] if treatment["state"] == "healed"]
-    for treatment in healed:
-        if (treatment["finding"], treatment["machine"]) in remaining:
-            errors.append(f"{treatment['finding']} is marked healed and still reported")
+    healed = [fix for fix in report["fixes"] if fix["state"] == "healed"]
+    for fix in healed:
+        if (fix["finding"], fix["machine"]) in remaining:
+            errors.append(f"{fix['finding']} is marked healed and still reported")
     if healed and not after.fine and not any(root["severity"] == "problem" for root in report["findings"]):
-        names = ", ".join(treatment["finding"] for treatment in healed)
+        names = ", ".join(fix["finding"] for fix in healed)
         errors.append(f"{names} is marked healed, no other problem is named, and still: {'; '.join(after.broken)}")
     return tuple(errors)
 

@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 settings.register_profile("shared machine", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("shared machine")
 
-pytest_plugins = ["lupin_sim.host.fixtures"]  # simulated computers: host, fresh_host, boot_host
+pytest_plugins = [
+    "lupin_sim.host.fixtures",  # simulated computers: host, fresh_host, boot_host
+    "tests.support.late_errors",
+]
 
 
 @pytest.fixture(scope="session", autouse=True)

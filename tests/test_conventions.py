@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterator
 
 from tests.support.command_line import all_commands, mistake_in
 from tests.support.paths import ROOT
@@ -129,7 +130,26 @@ def test_no_test_asserts_how_long_something_took() -> None:
     assert found == [], "bench/ measures durations"
 
 
+def bare_sleeps(node: ast.AST, *, in_test: bool = False) -> Iterator[int]:
+    """Yield the lines of the sleeps of tests themselves, outside loops: `wait_until` or `wait_for_nothing` says what for."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            yield from bare_sleeps(child, in_test=getattr(child, "name", "").startswith("test_"))
+        elif not isinstance(child, ast.For | ast.While):
+            if in_test and isinstance(child, ast.Call) and ast.unparse(child.func) == "time.sleep":
+                yield child.lineno
+            yield from bare_sleeps(child, in_test=in_test)
+
+
+def test_no_test_sleeps_and_hopes() -> None:
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    found = [f"{path.relative_to(ROOT)}:{line}" for path in files for line in bare_sleeps(ast.parse(path.read_text("utf-8")))]
+    assert found == [], "tests.support.waiting has wait_until and wait_for_nothing"
+
+
 def test_rule_finds_what_it_forbids() -> None:
+    assert list(bare_sleeps(ast.parse("def test_it():\n    start()\n    time.sleep(0.2)\n    assert done\n"))) == [3]
+    assert not list(bare_sleeps(ast.parse("def test_it():\n    def slow():\n        time.sleep(0.2)\n    run(slow)\n")))
     forbidden = "def test():\n    began = time.monotonic()\n    assert done and time.monotonic() - began < 2.0\n"
     assert elapsed_assertions(forbidden) == [3]
     assert elapsed_assertions("assert time.monotonic() < deadline\nassert 0 < rate_hz < 3\n") == []

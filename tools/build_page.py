@@ -77,8 +77,16 @@ def install_packages(path: str) -> None:
     installed.write_bytes(lock)
 
 
+def write_types() -> None:
+    """Write the page's modules that are generated from Lupin's tables."""
+    done = subprocess.run([sys.executable, "-m", "tools.write_page_types"], cwd=ROOT, check=False)
+    if done.returncode != 0:
+        raise BuildError(f"tools.write_page_types exited with status {done.returncode}")
+
+
 def build() -> None:
     """Build the page into the package."""
+    write_types()
     stamp = sources_hash()
     if (PAGE / STAMP).exists() and (PAGE / STAMP).read_text() == stamp:
         return
@@ -112,6 +120,7 @@ def run_script(name: str, *arguments: str) -> None:
             print("skipped: the page's tests in a browser need Chromium: apt-get install chromium")
             return
         os.environ["LUPIN_CHROMIUM"] = chromium
+    write_types()
     path = node_path()
     install_packages(path)
     _run(["npm", "run", "--silent", name, "--", *arguments], path)
@@ -127,7 +136,6 @@ def main() -> int:
     """Build, or run the script that is named."""
     try:
         if sys.argv[1:2] == ["live"]:
-            # Another program: this one runs before Lupin's packages are installed.
             os.chdir(ROOT)
             os.execv(sys.executable, [sys.executable, "-m", "tools.live_specs", *sys.argv[2:]])  # noqa: S606 -- no shell is wanted
         if len(sys.argv) > 1:

@@ -22,6 +22,7 @@ from lupin_cli.operations.table import OPERATIONS
 from lupin_runtime import graph
 from lupin_runtime.voice.arguments import Argument, Outside
 from lupin_runtime.voice.tools import TOOLS, Gate, Tool
+from tests.support.finding_proofs import PROOFS
 from tools.known_faults import KNOWN_FAULTS
 from tools.nav2_qos import UPSTREAM
 from tools.resilience_events import EVENTS
@@ -52,8 +53,9 @@ def findings_table() -> str:
     rows = []
     for row in FINDINGS:
         bench = ", ".join(f"`{name}`" for name in faults[row.id]) or "–"
-        proof = f"{'captured: ' if row.captured else ''}`{row.proof}`" + (f" ({row.note})" if row.note else "")
-        rows.append((row.symptom, row.path_layer, f"`{row.check}`", f"`{row.id}`", bench, proof, _fix(row)))
+        proof = PROOFS[row.id]
+        test = f"{'captured: ' if proof.captured else ''}`{proof.test}`" + (f" ({proof.note})" if proof.note else "")
+        rows.append((row.symptom, row.path_layer, f"`{row.check}`", f"`{row.id}`", bench, test, _fix(row)))
     return _table(FINDINGS_HEADER, rows)
 
 

@@ -1,11 +1,12 @@
 """Write the page's generated modules, `web/src/generated/*.ts`, from the definitions that the rest of Lupin uses.
 
-    python -m tools.write_page_types [--check]
+    python -m tools.write_page_types
 
 `messages.ts` has the types of all messages and services that the table of the graph names, `graph.ts` that table, `robot.ts`
 limits, presets, colors and ranges, `settings.ts` the page's settings, `sentences.ts` what the robot and the console say,
 `robot_model.ts` the shapes of the simulated robot, and `voice_tools.ts` the voice agent's tools.
-`--check` changes nothing and exits with 1 if a module differs from the code.
+`tools/build_page.py` runs it before each build, lint and test of the page; git does not have them. A module that did not change
+is not written.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from __future__ import annotations
 import functools
 import json
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -374,28 +374,22 @@ def modules() -> dict[str, str]:
     }
 
 
-def differing(folder: Path = FOLDER) -> list[str]:
-    """The names of the modules that differ from what the code defines now."""
-
-    def current(name: str) -> str:
+def write(folder: Path) -> list[str]:
+    """Write the modules that differ from what the folder has; return their names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, text in modules().items():
         path = folder / name
-        return path.read_text(encoding="utf-8") if path.exists() else ""
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+            written.append(name)
+    return written
 
-    return [name for name, text in modules().items() if current(name) != text]
 
-
-def main() -> int:
-    """Write the modules, or report those that differ."""
-    changed = differing()
-    if "--check" in sys.argv[1:]:
-        print("\n".join(f"{FOLDER / name} differs; run: python -m tools.write_page_types" for name in changed))
-        return 1 if changed else 0
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    for name in changed:
-        (FOLDER / name).write_text(modules()[name], encoding="utf-8")
-    print(f"{len(changed)} modules written")
-    return 0
+def main() -> None:
+    """Write the modules that differ from what is there."""
+    write(FOLDER)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

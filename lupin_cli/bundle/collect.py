@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from lupin_cli import __version__
 from lupin_cli.bundle.items import ABSENT, FAILED, TOO_BIG, UNREACHABLE, UNREADABLE, BundleItem, Omission, encode, truncate_file
 from lupin_cli.bundle.sources import LAPTOP, ROBOT, read_sources, sources_of
-from lupin_cli.checks.base import Check
+from lupin_cli.checks.base import Check, Gap
 from lupin_cli.connection.base import Target
 from lupin_cli.connection.inventory import Config, Robot
 from lupin_cli.doctor.engine import Diagnosis
@@ -48,7 +48,7 @@ class Collector:
     """Collects from this machine and from robots, each over one connection. Close it at the end."""
 
     checks: Sequence[Check]
-    plugin_errors: Sequence[str]  # one line for each plug-in of the doctor that could not be loaded
+    plugin_errors: Sequence[Gap]  # each plug-in of the doctor that could not be loaded
     laptop: Target
     robots: Sequence[Robot] = ()
     config: Config | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from lupin_cli.facts.base import Fact, Facts
 from lupin_cli.facts.link import Link
@@ -55,6 +55,20 @@ class Finding:
         if self.graph and other.graph and self.graph != other.graph:
             return False
         return bool(self.explains & {other.id, f"{other.id}:{other.about}"}) and other.id != self.id
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What was not observed: a fact of a machine, or what a check or plug-in that failed would have found."""
+
+    kind: Literal["fact", "check", "plug-in"]
+    name: str
+    reason: str
+    machine: str = ""  # of a fact
+
+    def __str__(self) -> str:
+        """Return the gap in one line."""
+        return f"{self.machine or self.kind}{': ' if self.machine else ' '}{self.name}: {self.reason}"
 
 
 @dataclass(frozen=True)

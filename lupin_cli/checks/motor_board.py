@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from lupin_cli.checks.base import Check, Finding, Snapshot
 from lupin_cli.checks.controllers import observed_graphs
+from lupin_cli.checks.drive import SILENT_BUTTON
 from lupin_cli.checks.findings import make_finding
 from lupin_cli.checks.remote_command import command_on_robot, restart_unit
 from lupin_cli.checks.topic_delivery import BOARD_TOPICS, is_board_silent
@@ -75,7 +76,8 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
         ),
         instruction="unplug the board's USB cable and plug it in again, then type the command",
         command=restart_unit(snapshot),
-        explains={"battery-unreadable", *(f"topic-silent:{name}" for name in BOARD_TOPICS)},
+        # The board publishes the button's state, too.
+        explains={"battery-unreadable", f"estop-engaged:{SILENT_BUTTON}", *(f"topic-silent:{name}" for name in BOARD_TOPICS)},
     )
 
 

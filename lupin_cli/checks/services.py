@@ -20,6 +20,7 @@ from lupin_cli.facts.versions import VERSIONS
 from lupin_cli.systemd.units import AUTO_HOME, CAMERAS, LUPIN_UNITS, ONBOARD
 
 JOURNAL_LINES = 4
+MASKED = ("masked", "masked-runtime")
 _UNIT_DOWN = ("unit-failed", "unit-start-limit", "unit-restarting", "unit-not-running", "unit-starting")
 _OF_ENVIRONMENT = ("rmw-mismatch", "process-multicast-only", "shell-other-graph")
 # Units of others without which the robot does not work after a boot → what the operator then misses.
@@ -229,7 +230,7 @@ def find_unit_faults(snapshot: Snapshot) -> Iterator[Finding]:
 def _unit_faults(snapshot: Snapshot, units: Units, unit: Unit) -> Iterator[Finding]:
     name = unit.name
     broken = ground_truth.measure(snapshot).state is ground_truth.State.BROKEN
-    if unit.enabled in ("masked", "masked-runtime") or unit.load == "masked":
+    if unit.enabled in MASKED or unit.load == "masked":
         cause, command = f"{name} is masked: systemd cannot start it", f"sudo systemctl unmask {name}"
         yield _unit_not_enabled(snapshot, unit, cause, _unit_evidence(snapshot, unit), command)
     elif unit.load in UNUSABLE and not unit.running:
@@ -375,7 +376,13 @@ def find_uncoupled_restarts(snapshot: Snapshot) -> Iterator[Finding]:
 def find_unread_unit_files(snapshot: Snapshot) -> Iterator[Finding]:
     """A unit file changed on disk after systemd read it."""
     units = snapshot.robot_fact(UNIT_STATES)
-    stale = [unit for unit in (units.units if units else ()) if unit.needs_reload and unit.name in (*LUPIN_UNITS, VENDOR)]
+    stale = [
+        unit
+        for unit in (units.units if units else ())
+        if unit.needs_reload and unit.name in (*LUPIN_UNITS, VENDOR)
+        # systemd compares a masked unit with the drop-ins that it had before, whatever is reloaded.
+        if not (unit.load == "masked" and unit.enabled in MASKED)
+    ]
     if stale:
         yield make_finding(
             "units-need-reload",

@@ -15,7 +15,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lupin_cli.checks.base import Check
+from lupin_cli.checks.base import Check, Gap
 from lupin_cli.checks.findings import modules
 
 if TYPE_CHECKING:
@@ -33,22 +33,22 @@ def built_in() -> tuple[Check, ...]:
     return tuple(check for module in modules() for check in importlib.import_module(module).CHECKS)
 
 
-def plugged_in(entry_points: Iterable[EntryPoint] | None = None) -> tuple[tuple[Check, ...], tuple[str, ...]]:
-    """Load the checks of other packages. Return them, and one line for each plug-in that could not be loaded."""
+def plugged_in(entry_points: Iterable[EntryPoint] | None = None) -> tuple[tuple[Check, ...], tuple[Gap, ...]]:
+    """Load the checks of other packages. Return them, and the plug-ins that could not be loaded."""
     if entry_points is None:
         entry_points = _installed_entry_points()
     checks: list[Check] = []
-    errors: list[str] = []
+    errors: list[Gap] = []
     for entry in entry_points:
-        plugin = f"plug-in {entry.name} ({entry.value})"
+        plugin = f"{entry.name} ({entry.value})"
         try:
             loaded = entry.load()
             found = (loaded,) if isinstance(loaded, Check) else tuple(loaded)
         except Exception as error:  # foreign code may raise anything, and must not abort the diagnosis
-            errors.append(f"{plugin}: {type(error).__name__}: {error}")
+            errors.append(Gap("plug-in", plugin, f"{type(error).__name__}: {error}"))
             continue
         if others := [each for each in found if not isinstance(each, Check)]:
-            errors.append(f"{plugin}: {others[0]!r} is not a lupin_cli.checks.Check")
+            errors.append(Gap("plug-in", plugin, f"{others[0]!r} is not a lupin_cli.checks.Check"))
             continue
         checks += found
     return tuple(checks), tuple(errors)

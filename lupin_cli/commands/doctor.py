@@ -20,7 +20,7 @@ from lupin_cli.printed_commands import lupin, print_next
 from lupin_cli.terminal import confirm, echo, ending_in_order, erase_status_line, is_interactive, show_status_line
 
 if TYPE_CHECKING:
-    from lupin_cli.checks.base import Check, Finding
+    from lupin_cli.checks.base import Check, Finding, Gap
     from lupin_cli.connection.inventory import Config, Robot
     from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, FixResult
 
@@ -147,14 +147,14 @@ def _parse_fields(text: str) -> tuple[str, ...]:
         from lupin_cli.doctor.report import UnknownFieldError, select_fields, to_dict
 
         try:
-            select_fields({**to_dict(Diagnosis((), ())), "treatments": []}, fields)
+            select_fields({**to_dict(Diagnosis((), ())), "fixes": [], "treatments": []}, fields)
         except UnknownFieldError as error:
             _usage(f"--fields: {error}")
     return fields
 
 
-def _checks(only: Sequence[str], skip: Sequence[str]) -> tuple[tuple[Check, ...], tuple[str, ...]]:
-    """Return the selected checks, and one line for each plug-in that could not be loaded."""
+def _checks(only: Sequence[str], skip: Sequence[str]) -> tuple[tuple[Check, ...], tuple[Gap, ...]]:
+    """Return the selected checks, and the plug-ins that could not be loaded."""
     from lupin_cli.checks.table import UnknownCheck, built_in, plugged_in, select
 
     added, plugin_errors = plugged_in()
@@ -323,8 +323,9 @@ def _report(examination: _Examination, options: _Options) -> dict[str, Any]:
     from lupin_cli.doctor.report import UnknownFieldError, select_fields, to_dict
 
     result = examination.result
-    treatments = [fix.to_dict() for fix in examination.fixes]
-    report = {**to_dict(result.diagnosis, result.link), "treatments": treatments}
+    fixes = [fix.to_dict() for fix in examination.fixes]
+    # `treatments` is the name of the last version, kept for one more.
+    report = {**to_dict(result.diagnosis, result.link), "fixes": fixes, "treatments": fixes}
     try:
         return select_fields(report, options.fields) if options.fields else report
     except UnknownFieldError as error:

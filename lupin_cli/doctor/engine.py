@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from lupin_cli.checks import ground_truth
-from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
+from lupin_cli.checks.base import Check, Finding, Gap, Severity, Snapshot
 from lupin_cli.checks.drive import FORMER_ESTOP
 from lupin_cli.checks.findings import NEED_VENDOR, OVER_GRAPH
 from lupin_cli.checks.ground_truth import GroundTruth, State
@@ -17,6 +17,7 @@ from lupin_cli.facts.base import Unknown
 from lupin_cli.printed_commands import complete
 
 _LOST = "packets-lost"  # a program that joins meets the others with a burst, of which this visit's got through
+_PROFILE_CHANGED = "profile-changed"
 _DATA = OVER_GRAPH | NEED_VENDOR  # findings that show, or cause, that data does not arrive
 STOPPED = "process-stopped"  # its process does nothing now, whatever arrived before
 _UNREACHABLE = "robot-unreachable"  # it has an exit status of its own, whatever explains it
@@ -36,8 +37,8 @@ class Diagnosis:
 
     checks: tuple[str, ...]
     roots: tuple[RootCause, ...]
-    unknown: tuple[str, ...] = ()  # one line for each fact without a value
-    check_errors: tuple[str, ...] = ()  # one line for each check or plug-in that failed
+    unknown: tuple[Gap, ...] = ()  # facts without a value
+    check_errors: tuple[Gap, ...] = ()  # checks and plug-ins that failed
     by_check: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)
     duration_s: float = 0.0
     ground_truth: GroundTruth | None = None  # None if it was not asked for: its check was not selected
@@ -52,7 +53,8 @@ class Diagnosis:
     @property
     def gaps(self) -> tuple[str, ...]:
         """One line for everything that was not observed: facts without a value, failed checks, parts of the ground truth."""
-        return (*self.unknown, *self.check_errors, *(self.ground_truth.unobserved if self.ground_truth else ()))
+        lines = map(str, (*self.unknown, *self.check_errors))
+        return (*lines, *(self.ground_truth.unobserved if self.ground_truth else ()))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -60,7 +62,7 @@ class Diagnosis:
         return tuple(finding for root in self.roots for finding in (root.finding, *root.consequences))
 
 
-def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterable[str] = ()) -> Diagnosis:
+def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterable[Gap] = ()) -> Diagnosis:
     """Run the checks. One that raises is listed in `Diagnosis.check_errors` with `plugin_errors`, and the others still run."""
     started = time.monotonic()
     errors = list(plugin_errors)
@@ -69,7 +71,7 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
         try:
             by_check[check.name] = tuple(check.find(snapshot))
         except Exception as error:  # a plug-in's check may raise anything; the others still count
-            errors.append(f"check {check.name}: {type(error).__name__}: {error}")
+            errors.append(Gap("check", check.name, f"{type(error).__name__}: {error}"))
     truth = ground_truth.measure(snapshot) if ground_truth.NAME in by_check else None
     found = demote_blocked_fixes(finding for findings in by_check.values() for finding in findings)
     robot = snapshot.link.robot if snapshot.link is not None else ""
@@ -79,7 +81,7 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
     return Diagnosis(
         checks=tuple(check.name for check in checks),
         roots=roots,
-        unknown=tuple(describe_unknown_facts(snapshot)),
+        unknown=tuple(unknown_facts(snapshot)),
         check_errors=tuple(errors),
         by_check=by_check,
         duration_s=time.monotonic() - started,
@@ -122,6 +124,9 @@ def weigh_by_ground_truth(findings: Iterable[Finding], truth: GroundTruth | None
     One that would take all data away is only a warning while all data arrives: it is not in effect, and explains no lack of
     data. A profile that was edited after its processes had read it, for example, breaks the robot at the next start. It remains
     a problem if it causes another one. And a warning is a problem if nothing else explains data that does not arrive.
+
+    That a profile is newer than its processes is left out if something else explains all that is missing: login scripts of the
+    vendor write the same profile again.
     """
     found = tuple(findings)
     state = truth.state if truth is not None else State.UNOBSERVED
@@ -129,7 +134,9 @@ def weigh_by_ground_truth(findings: Iterable[Finding], truth: GroundTruth | None
     problems = [each for each in found if each.severity is Severity.PROBLEM]
     unexplained = [loss for loss in lost if not any(problem.accounts_for(loss) for problem in problems)]
     in_effect = [each for each in problems if ground_truth.UNEXPLAINED not in each.explains and each.id != _UNREACHABLE]
-    for finding in found:
+    others = [each for each in found if each.id != _PROFILE_CHANGED]
+    is_known = bool(lost) and all(any(other.accounts_for(loss) for other in others) for loss in lost)
+    for finding in others if is_known else found:
         severity, explains = finding.severity, finding.explains
         if state is State.HEALTHY and ground_truth.UNEXPLAINED in explains:
             explains = frozenset(each for each in explains if each.partition(":")[0] not in _DATA)
@@ -199,9 +206,9 @@ def _explains(cause: Finding, other: Finding) -> bool:
     return not is_hidden or (bool(other.about) and f"{other.id}:{other.about}" in cause.explains)
 
 
-def describe_unknown_facts(snapshot: Snapshot) -> Iterable[str]:
-    """Yield one line for each fact that has no value: machine, fact, reason."""
+def unknown_facts(snapshot: Snapshot) -> Iterable[Gap]:
+    """Yield the facts that have no value, with the reason."""
     for facts in filter(None, (snapshot.laptop, snapshot.robot)):
         for name, value in facts.values.items():
             if isinstance(value, Unknown):
-                yield f"{facts.machine}: {name}: {value.reason}"
+                yield Gap("fact", name, value.reason, facts.machine)

@@ -6,11 +6,13 @@ import json
 import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from lupin_cli.checks.base import Finding, Severity
 from lupin_cli.checks.ground_truth import GroundTruth, State
 from lupin_cli.checks.layers import LAYERS
+from lupin_cli.doctor.areas import FAILED, OK, UNKNOWN, WARNED
 from lupin_cli.doctor.engine import Diagnosis, RootCause
 from lupin_cli.exit_codes import FAILURE, NO_RESULT, SUCCESS, UNREACHABLE
 from lupin_cli.terminal import echo, printable, wrapped
@@ -18,7 +20,6 @@ from lupin_cli.terminal import echo, printable, wrapped
 if TYPE_CHECKING:
     from lupin_cli.facts.link import Link
 
-COMMAND_LINE = "  fix       "  # begins the line with the command, which is never broken: the break would be pasted, too
 _LABEL = re.compile(r" +(?:│ |[a-z-]+ {2,})")  # of a line of evidence, or of a field of a finding
 ALL_DETAILS = 2  # the level of `--verbose` from which nothing is left out
 
@@ -46,8 +47,8 @@ def to_dict(diagnosis: Diagnosis, link: Link | None = None) -> dict[str, Any]:
         ],
         "ground_truth": None if diagnosis.ground_truth is None else _ground_truth(diagnosis.ground_truth),
         "layers": _layers(diagnosis),
-        "unknown": list(diagnosis.unknown),
-        "broken": list(diagnosis.check_errors),
+        "unknown": list(map(str, diagnosis.unknown)),
+        "broken": list(map(str, diagnosis.check_errors)),
         "checks": list(diagnosis.checks),
     }
 
@@ -136,20 +137,20 @@ def to_junit(diagnosis: Diagnosis, name: str = "lupin doctor") -> str:
             failure = SubElement(case, "failure", type=findings[0].id, message=printable(findings[0].cause))
             failure.text = printable("\n\n".join(_plain(finding) for finding in findings))
         elif check not in diagnosis.by_check:
-            reason = next((line for line in diagnosis.check_errors if line.startswith(f"check {check}: ")), "did not run")
-            SubElement(case, "error", type="check", message=printable(reason))
-    for line in diagnosis.unknown:
-        case = SubElement(suite, "testcase", classname="lupin.doctor.fact", name=line.split(": ")[1])
-        SubElement(case, "error", type="fact", message=printable(line))
+            reasons = [str(gap) for gap in diagnosis.check_errors if (gap.kind, gap.name) == ("check", check)]
+            SubElement(case, "error", type="check", message=printable(next(iter(reasons), "did not run")))
+    for gap in diagnosis.unknown:
+        case = SubElement(suite, "testcase", classname="lupin.doctor.fact", name=gap.name)
+        SubElement(case, "error", type="fact", message=printable(str(gap)))
     if (truth := diagnosis.ground_truth) is not None:
         for line in truth.unobserved:
             case = SubElement(suite, "testcase", classname="lupin.doctor.ground-truth", name=line.partition(":")[0])
             SubElement(case, "error", type="unobserved", message=printable(line))
             suite.set("tests", str(int(suite.get("tests", "0")) + 1))
-    for line in diagnosis.check_errors:
-        if not line.startswith("check "):
-            case = SubElement(suite, "testcase", classname="lupin.doctor.plugin", name=line.split(" ")[1])
-            SubElement(case, "error", type="plug-in", message=printable(line))
+    for gap in diagnosis.check_errors:
+        if gap.kind == "plug-in":
+            case = SubElement(suite, "testcase", classname="lupin.doctor.plugin", name=printable(gap.name))
+            SubElement(case, "error", type="plug-in", message=printable(str(gap)))
             suite.set("tests", str(int(suite.get("tests", "0")) + 1))
     indent(suite)
     return tostring(suite, encoding="unicode")
@@ -250,9 +251,10 @@ def print_terminal(diagnosis: Diagnosis, link: Link | None = None, *, verbose: i
     """
     import sys
 
+    lines = (replace(line, text=printable(line.text)) for line in _lines(diagnosis, link, verbose))
     if not sys.stdout.isatty():
-        for line in _lines(diagnosis, link, verbose):
-            echo(line)
+        for line in lines:
+            echo(line.text)
         return
     from rich.text import Text
 
@@ -260,35 +262,46 @@ def print_terminal(diagnosis: Diagnosis, link: Link | None = None, *, verbose: i
 
     console = SafeConsole(soft_wrap=True)
     columns = shutil.get_terminal_size().columns
-    for line in _lines(diagnosis, link, verbose):
-        shown = line if line.startswith(COMMAND_LINE) else wrapped(line, columns, _LABEL)
-        console.print(Text(shown, style=_style(line)))
+    for line in lines:
+        console.print(Text(line.text if line.pasted else wrapped(line.text, columns, _LABEL), style=line.style))
 
 
-def _lines(diagnosis: Diagnosis, link: Link | None, verbose: int) -> Iterable[str]:
-    """Yield every line, made printable: any field may contain text from a robot, such as a process name in a cause."""
-    yield printable(verdict(diagnosis, link))
+@dataclass(frozen=True)
+class Line:
+    """A line of the report and its style. A `pasted` one is never broken: the break would be pasted, too."""
+
+    text: str
+    style: str = ""
+    pasted: bool = False
+
+
+_BLANK = Line("")
+
+
+def _lines(diagnosis: Diagnosis, link: Link | None, verbose: int) -> Iterable[Line]:
+    """Yield every line. Any may contain text from a robot, such as the name of a process in a cause."""
+    yield Line(verdict(diagnosis, link), "green" if diagnosis.healthy else "")
     if diagnosis.areas:
-        yield ""
-        yield from (printable(area.line()) for area in diagnosis.areas)
+        yield _BLANK
+        yield from (Line(area.line(), _STYLES.get(area.mark, "")) for area in diagnosis.areas)
     for root in diagnosis.roots:
-        yield ""
-        yield from (printable(line) for line in _root_lines(root, verbose))
+        yield _BLANK
+        yield from _root_lines(root, verbose)
     if diagnosis.gaps:
-        yield ""
-        yield "Not observed"
-        yield from (f"? {printable(line)}" for line in diagnosis.gaps)
+        yield _BLANK
+        yield Line("Not observed")
+        yield from (Line(f"{UNKNOWN} {gap}", _STYLES[UNKNOWN]) for gap in diagnosis.gaps)
     if verbose and diagnosis.ground_truth is not None:
-        yield ""
-        yield "Topics as they arrive here"
-        yield from (f"  {printable(topic.line())}" for topic in diagnosis.ground_truth.topics)
+        yield _BLANK
+        yield Line("Topics as they arrive here")
+        yield from (Line(f"  {topic.line()}") for topic in diagnosis.ground_truth.topics)
     if verbose >= ALL_DETAILS:
-        yield ""
-        yield f"Checks, which took {diagnosis.duration_s * 1e3:.0f} ms"
-        yield from (printable(f"  {_check_line(diagnosis, check)}") for check in diagnosis.checks)
+        yield _BLANK
+        yield Line(f"Checks, which took {diagnosis.duration_s * 1e3:.0f} ms")
+        yield from (Line(f"  {_check_line(diagnosis, check)}") for check in diagnosis.checks)
     if diagnosis.roots or diagnosis.gaps:
-        yield ""
-        yield summary(diagnosis)
+        yield _BLANK
+        yield Line(summary(diagnosis))
 
 
 def _check_line(diagnosis: Diagnosis, check: str) -> str:
@@ -298,35 +311,25 @@ def _check_line(diagnosis: Diagnosis, check: str) -> str:
     return f"{check}: {', '.join(dict.fromkeys(finding.id for finding in found)) or 'nothing found'}"
 
 
-def _root_lines(root: RootCause, verbose: int) -> Iterable[str]:
+def _root_lines(root: RootCause, verbose: int) -> Iterable[Line]:
     finding = root.finding
-    mark = "✗" if finding.severity is Severity.PROBLEM else "▲"
-    yield f"{mark} {finding.where}: {finding.cause}  [{finding.id}]"
-    yield f"  symptom   {finding.symptom}"
+    mark = FAILED if finding.severity is Severity.PROBLEM else WARNED
+    yield Line(f"{mark} {finding.where}: {finding.cause}  [{finding.id}]", _STYLES[mark])
+    yield Line(f"  symptom   {finding.symptom}")
     shown = finding.evidence if verbose else finding.evidence[:6]
     for line in shown:
-        yield f"  │ {line}"
+        yield Line(f"  │ {line}", "dim")
     if len(shown) < len(finding.evidence):
-        yield f"  │ … {len(finding.evidence) - len(shown)} more lines (--verbose)"
+        yield Line(f"  │ … {len(finding.evidence) - len(shown)} more lines (--verbose)", "dim")
     for other in root.consequences:
-        yield f"  explains  {other.where}: {other.cause}  [{other.id}]"
-        yield from (f"            │ {line}" for line in other.evidence if verbose >= ALL_DETAILS)
+        yield Line(f"  explains  {other.where}: {other.cause}  [{other.id}]")
+        yield from (Line(f"            │ {line}", "dim") for line in other.evidence if verbose >= ALL_DETAILS)
     if finding.fix.instruction:
-        yield f"  do        {finding.fix.instruction}"
+        yield Line(f"  do        {finding.fix.instruction}")
     if finding.fix.command:
-        yield f"{COMMAND_LINE}{finding.fix.command}"
+        yield Line(f"  fix       {finding.fix.command}", "green", pasted=True)
     if finding.fix.playbook:
-        yield f"  --fix     {_playing(finding)}"
+        yield Line(f"  --fix     {_playing(finding)}")
 
 
-_STYLES = {"✗": "bold red", "▲": "bold yellow", "?": "yellow", "✓": "green"}
-
-
-def _style(line: str) -> str:
-    if line[:1] in _STYLES:
-        return _STYLES[line[:1]]
-    if line.lstrip().startswith("│"):
-        return "dim"
-    if line.startswith(COMMAND_LINE):
-        return "green"
-    return "green" if ": healthy, " in line else ""
+_STYLES = {FAILED: "bold red", WARNED: "bold yellow", UNKNOWN: "yellow", OK: "green"}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from lupin_cli.checks import ground_truth
 from lupin_cli.checks import path as path_checks
-from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
+from lupin_cli.checks.base import Check, Finding, Gap, Severity, Snapshot
 from lupin_cli.checks.dds_environment import server_host
 from lupin_cli.checks.findings import FINDINGS
 from lupin_cli.checks.ground_truth import State, measure
@@ -56,7 +56,7 @@ class DoctorScope:
     """What a session examines: the checks, the laptop, and the robot with its login."""
 
     checks: Sequence[Check]
-    plugin_errors: Sequence[str]  # one line for each plug-in that could not be loaded
+    plugin_errors: Sequence[Gap]  # each plug-in that could not be loaded
     laptop: Target
     robot: Robot | None = None  # None examines the laptop alone
     config: Config | None = None

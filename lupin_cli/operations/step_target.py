@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any
 
-from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.connection.base import Output, Target
+from lupin_cli.connection.forwarding import ForwardingTarget
 from lupin_cli.operations.base import OperationError
 
 RECORDED_CHARACTERS = 64 * 1024  # of one script's output in the journal: its beginning and its end
 
 
-class StepTarget:
+class StepTarget(ForwardingTarget):
     """Forwards every call to a target, bounded by `deadline`.
 
     `reserve` reserves a target that several playbook runs share for this one.
     """
 
     def __init__(self, target: Target, reserve: Callable[[], AbstractContextManager[object]] = nullcontext) -> None:
-        self._target = target
+        super().__init__(target)
         self._reserve = reserve
-        self.name = target.name
-        self.user = target.user
-        self.address = target.address
-        self.login_command = target.login_command
         self.deadline = float("inf")  # of time.monotonic()
         self.record: Callable[[str], None] | None = None  # receives the output of scripts that change something
         self.on_line: Callable[[str], None] | None = None
@@ -49,43 +47,25 @@ class StepTarget:
             raise OperationError("the step's time is up; give it more with 'timeout' in the playbook")
         return min(timeout_s, remaining_s)
 
-    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
-        return self._target.batch(scripts, self.remaining(timeout_s))
+    @contextmanager
+    def forwarded(self, timeout_s: float) -> Iterator[tuple[Target, float]]:
+        yield self._target, self.remaining(timeout_s)
 
-    def run(
-        self,
-        script: str,
-        *,
-        root: bool = False,
-        stdin: bytes = b"",
-        timeout_s: float = 60.0,
-        on_line: Callable[[str], None] | None = None,
-    ) -> Output:
+    def run(self, script: str, *, on_line: Callable[[str], None] | None = None, **options: Any) -> Output:
+        if self.record is None:
+            return super().run(script, on_line=on_line, **options)
+
         def forward_line(line: str) -> None:
             if on_line is not None:
                 on_line(line)
             if self.on_line is not None:
                 self.on_line(line)
 
-        timeout_s = self.remaining(timeout_s)
-        if self.record is None:
-            return self._target.run(script, root=root, stdin=stdin, timeout_s=timeout_s, on_line=on_line)
-        output = self._target.run(script, root=root, stdin=stdin, timeout_s=timeout_s, on_line=forward_line)
+        output = super().run(script, on_line=forward_line, **options)
         text = output.stdout + (f"\n[errors]\n{output.stderr}" if output.stderr else "")
         if text.strip():
             self.record(_both_ends(text))
         return output
-
-    def put(
-        self, path: str, data: bytes, *, mode: int = 0o644, owner: str = "", root: bool = False, timeout_s: float = 60.0
-    ) -> None:
-        self._target.put(path, data, mode=mode, owner=owner, root=root, timeout_s=self.remaining(timeout_s))
-
-    def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
-        return self._target.get(path, root=root, timeout_s=self.remaining(timeout_s))
-
-    def close(self) -> None:
-        self._target.close()
 
 
 def _both_ends(text: str) -> str:

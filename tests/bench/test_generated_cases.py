@@ -52,7 +52,7 @@ def report(*roots: tuple[str, str], status: int | None = None, warnings: tuple[t
         "status": (1 if roots or warnings else 0) if status is None else status,
         "findings": findings,
         "ground_truth": {"state": state},
-        "treatments": [],
+        "fixes": [],
     }
 
 
@@ -178,11 +178,11 @@ def test_fix_must_not_make_truth_worse_or_claim_health() -> None:
     assert "worse" in fix_errors(FINE, BROKEN, report(("ports", ROBOT)))[0]
     assert "worse" in fix_errors(BROKEN, Truth((*BROKEN.broken, "/tf: 0 samples"), True), report(("ports", ROBOT)))[0]
     assert "no login" in fix_errors(FINE, LOCKED_OUT, report(("login", ROBOT)))[0]
-    marked = {**report(("ports", ROBOT)), "treatments": [{"finding": "ports-x", "machine": ROBOT, "state": "healed"}]}
+    marked = {**report(("ports", ROBOT)), "fixes": [{"finding": "ports-x", "machine": ROBOT, "state": "healed"}]}
     assert "marked healed" in fix_errors(BROKEN, BROKEN, marked)[0]
-    warned = {**report(status=1), "treatments": marked["treatments"]}
+    warned = {**report(status=1), "fixes": marked["fixes"]}
     assert "no other problem is named" in fix_errors(BROKEN, BROKEN, warned)[0]
-    assert fix_errors(BROKEN, BROKEN, {**report(("loss", LINK)), "treatments": marked["treatments"]}) == ()
+    assert fix_errors(BROKEN, BROKEN, {**report(("loss", LINK)), "fixes": marked["fixes"]}) == ()
 
 
 def results() -> list[Result]:

@@ -12,6 +12,11 @@ T = TypeVar("T")
 WAIT_S = 60.0
 
 
+def wait_for_nothing(seconds: float, _what: str) -> None:
+    """Give time to something that must not happen. If a slow machine needs more, the test passes; it never fails by that."""
+    time.sleep(seconds)
+
+
 def wait_until(
     condition: Callable[[], T],
     what: str | Callable[[], str],

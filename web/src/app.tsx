@@ -21,7 +21,7 @@ import { WheelsBanner } from "@/shell/wheels_banner";
 import { RewindBar, useRewindKeys } from "@/rewind/rewind_bar";
 import { ShownTime } from "@/rewind/shown_time";
 import { useIsRewound } from "@/state/rewind";
-import { driver } from "@/robot";
+import { driver } from "@/robot/driving";
 import { Boundary, type FallbackProps, PartFailed } from "@/ui/boundary";
 import { cn } from "@/ui/cn";
 import { useRoute } from "@/state/route";

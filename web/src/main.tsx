@@ -5,7 +5,7 @@ import { App } from "@/app";
 import { IS_MOCK } from "@/environment";
 import { setLanguage, useLanguage } from "@/i18n/text";
 import { followPage } from "@/rewind/rewind";
-import { startRobot } from "@/robot";
+import { startRobot } from "@/robot/start";
 import "@/styles/index.css";
 import { loadDeferred } from "@/ui/deferred";
 

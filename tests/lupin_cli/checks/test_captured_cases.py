@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from lupin_cli.checks.findings import FINDINGS
 from lupin_cli.checks.table import built_in
 from lupin_cli.doctor.engine import diagnose
+from tests.support.finding_proofs import PROOFS
 from tests.support.findings import assert_findings_match_rows
 from tests.support.snapshots import HEALTHY_LAPTOP, HEALTHY_ROBOT, snapshot_of
 
@@ -36,4 +36,4 @@ def test_captured_fault_is_named_alone(file: Path) -> None:
 
 def test_every_finding_proven_by_a_case_has_one() -> None:
     expected = {finding for file in CASES for finding in json.loads(file.read_text(encoding="utf-8"))["expected"]}
-    assert {row.id for row in FINDINGS if "/test_captured_cases.py::" in row.proof} <= expected
+    assert {name for name, proof in PROOFS.items() if "/test_captured_cases.py::" in proof.test} <= expected

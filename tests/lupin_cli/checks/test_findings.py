@@ -14,6 +14,7 @@ from lupin_cli.checks import Severity
 from lupin_cli.checks.base import Check
 from lupin_cli.checks.findings import FINDINGS, FindingRow, make_finding, modules
 from lupin_cli.playbook import load
+from tests.support.finding_proofs import PROOFS, Proof
 from tests.support.paths import ROOT
 
 FOLDER = Path(lupin_cli.checks.__file__).parent
@@ -84,16 +85,20 @@ def test_checks_build_only_findings_with_a_row(module: str) -> None:
             assert constants(call.args[0]) <= ids, ast.unparse(call.args[0])
 
 
-@pytest.mark.parametrize("row", FINDINGS, ids=lambda row: row.id)
-def test_proof_of_a_finding_exists(row: FindingRow) -> None:
-    path, _, name = row.proof.partition("::")
+def test_every_finding_has_a_proof() -> None:
+    assert list(PROOFS) == [row.id for row in FINDINGS]
+
+
+@pytest.mark.parametrize("proof", PROOFS.values(), ids=PROOFS)
+def test_proof_of_a_finding_exists(proof: Proof) -> None:
+    path, _, name = proof.test.partition("::")
     assert name in {node.name for node in tree_of(ROOT / path).body if isinstance(node, ast.FunctionDef)}
 
 
-@pytest.mark.parametrize("row", FINDINGS, ids=lambda row: row.id)
-def test_proof_is_captured_or_causes_the_fault(row: FindingRow) -> None:
-    text = (ROOT / row.proof.partition("::")[0]).read_text(encoding="utf-8")
-    assert row.captured == (not any(mark in text for mark in CAUSING_MARKS))
+@pytest.mark.parametrize("proof", PROOFS.values(), ids=PROOFS)
+def test_proof_is_captured_or_causes_the_fault(proof: Proof) -> None:
+    text = (ROOT / proof.test.partition("::")[0]).read_text(encoding="utf-8")
+    assert proof.captured == (not any(mark in text for mark in CAUSING_MARKS))
 
 
 def test_every_playbook_of_a_finding_exists() -> None:

@@ -27,6 +27,7 @@ from lupin_cli.facts.units import UNIT_STATES
 from lupin_cli.link.path import End, Path, UnreadSocket
 from lupin_runtime.graph import ESTOP_STATE, JOINT_STATES, ODOM
 from lupin_runtime.safety.console_stop import LOST_HOLDING
+from lupin_runtime.safety.estop import BUTTON_SILENT
 from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, ESTOP_BUTTON, UNHEARD, WITNESS
 from tests.support.findings import assert_findings_match_rows
@@ -537,6 +538,8 @@ def test_board_silent_among_live_topics_is_wedged() -> None:
     (finding,) = root_findings(graph(samples=BOARD_SILENT), devices=devices("/dev/ttyACM0 root:dialout 660"))
     assert finding.id == "board-wedged" and "telemetrix: pid 412 state S: python3 telemetrix" in finding.evidence
     assert ids(graph(samples=samples_without("/io/imu/movement/data"))) == ["topic-silent"]
+    stopped = graph(samples=BOARD_SILENT, estop=True, estop_reasons=(BUTTON_SILENT.format(seconds=2),))
+    assert ids(stopped, devices=devices("/dev/ttyACM0 root:dialout 660")) == ["board-wedged"]  # it sends the button's state
 
 
 def test_board_off_the_usb_bus_is_wedged_without_a_graph() -> None:

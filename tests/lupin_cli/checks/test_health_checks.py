@@ -102,6 +102,12 @@ def test_changed_unit_file_and_masked_unit_are_named() -> None:
     assert seen == ["vendor-service-down", *3 * ["unit-not-enabled"], "units-need-reload"]
 
 
+def test_masked_unit_needs_no_reload() -> None:
+    masked = {"load": "masked", "enabled": "masked", "active": "inactive", "needs_reload": True}
+    assert ids(make_snapshot(units=units(lupin_onboard=masked))) == ["unit-not-enabled"]
+    assert "units-need-reload" in ids(make_snapshot(units=units(lupin_onboard={**masked, "enabled": "enabled"})))
+
+
 def test_failed_oneshot_shows_its_log_and_asks_before_healing() -> None:
     (finding,) = root_findings(make_snapshot(units="oneshot-failed", journal="oneshot-failed"))
     assert any("Failed with result" in line for line in finding.evidence)

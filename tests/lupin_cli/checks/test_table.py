@@ -36,9 +36,9 @@ def test_plugin_adds_one_check_or_several() -> None:
 
 @pytest.mark.parametrize("loaded", [ImportError("no module named x"), 7, ["a word"]])
 def test_broken_plugin_is_named_and_others_load(loaded: ImportError | int | list[str]) -> None:
-    checks, (line,) = plugged_in([EntryPoint("theirs", loaded), EntryPoint("one", ONE)])  # type: ignore[list-item]
+    checks, (gap,) = plugged_in([EntryPoint("theirs", loaded), EntryPoint("one", ONE)])  # type: ignore[list-item]
     assert checks == (ONE,)
-    assert line.startswith("plug-in theirs (package.module:CHECKS): ")
+    assert str(gap).startswith("plug-in theirs (package.module:CHECKS): ")
 
 
 def test_only_and_skip_accept_names_and_patterns() -> None:
@@ -73,4 +73,4 @@ def test_installed_package_adds_checks_by_entry_point(tmp_path: Path, monkeypatc
     monkeypatch.syspath_prepend(str(tmp_path))
     checks, plugin_errors = plugged_in()
     assert "theirs" in [check.name for check in checks]
-    assert any(line.startswith("plug-in bad (their_checks:NOTHING): AttributeError") for line in plugin_errors)
+    assert any(str(gap).startswith("plug-in bad (their_checks:NOTHING): AttributeError") for gap in plugin_errors)

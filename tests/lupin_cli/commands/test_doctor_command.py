@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from lupin_cli.app import app
-from lupin_cli.checks import Check, Finding, Fix, Severity, Snapshot
+from lupin_cli.checks import Check, Finding, Fix, Gap, Severity, Snapshot
 from lupin_cli.checks import table as checks_table
 from lupin_cli.checks.table import built_in, select
 from lupin_cli.commands import doctor
@@ -240,7 +240,8 @@ def test_ineffective_fix_is_played_once_and_exits_1(run: Run, add_fault: Callabl
     result = run("--only", "marker", "--fix", "--json")
     output = json.loads(result.stdout)
     assert result.exit_code == 1
-    assert [(each["state"], each["changed"]) for each in output["treatments"]] == [("done", 1)]
+    assert [(each["state"], each["changed"]) for each in output["fixes"]] == [("done", 1)]
+    assert output["treatments"] == output["fixes"]
     assert [finding["id"] for finding in output["findings"]] == ["marker-missing"]
 
 
@@ -248,8 +249,8 @@ def test_missing_playbook_is_reported_as_refused(run: Run, tmp_path: Path, add_f
     add_fault()
     (tmp_path / "create-marker.yaml").unlink()
     result = run("--only", "marker", "--fix", "--json")
-    (treatment,) = json.loads(result.stdout)["treatments"]
-    assert (result.exit_code, treatment["state"]) == (1, "refused")
+    (fix,) = json.loads(result.stdout)["fixes"]
+    assert (result.exit_code, fix["state"]) == (1, "refused")
 
 
 def test_raising_check_is_named_and_exits_4(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -257,7 +258,7 @@ def test_raising_check_is_named_and_exits_4(run: Run, monkeypatch: pytest.Monkey
         raise RuntimeError("a defect")
 
     monkeypatch.setattr(
-        checks_table, "plugged_in", lambda: ((Check("theirs", find),), ("plug-in other (a:b): ImportError: x",))
+        checks_table, "plugged_in", lambda: ((Check("theirs", find),), (Gap("plug-in", "other (a:b)", "ImportError: x"),))
     )
     result = run("--only", "theirs")
     assert result.exit_code == 4

@@ -142,7 +142,7 @@ def test_fix_repairs_safe_faults_and_reports_health(fresh_host: Host, laptop: La
             signal_unit(fresh_host, unit, fault)
         status, report = laptop.run_doctor("--fix")
     assert report["findings"] == []
-    assert {treatment["state"] for treatment in report["treatments"]} == {"healed"}
+    assert {fix["state"] for fix in report["fixes"]} == {"healed"}
     assert status == 0
 
 

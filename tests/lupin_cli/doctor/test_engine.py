@@ -97,13 +97,13 @@ def test_raising_check_is_named_and_others_still_run(finding: Callable[..., Any]
 
     found = finding("no-server")
     diagnosis = diagnose([Check("broken", breaks), Check("works", lambda _e: [found])], NOTHING)  # type: ignore[arg-type]
-    assert diagnosis.check_errors == ("check broken: ZeroDivisionError: division by zero",)
+    assert list(map(str, diagnosis.check_errors)) == ["check broken: ZeroDivisionError: division by zero"]
     assert diagnosis.findings == (found,)
 
 
 def test_unknown_facts_are_listed_with_their_machine() -> None:
     snapshot = Snapshot(Facts("laptop", {"a": 1, "b": Unknown("slow")}), Facts("robot", {"c": Unknown("odd")}))
-    assert diagnose([], snapshot).unknown == ("laptop: b: slow", "robot: c: odd")
+    assert list(map(str, diagnose([], snapshot).unknown)) == ["laptop: b: slow", "robot: c: odd"]
 
 
 def test_transitive_consequences_are_listed_under_the_root(finding: Callable[..., Any]) -> None:
@@ -175,6 +175,17 @@ def test_warning_is_a_problem_if_only_it_explains_a_loss(finding: Callable[..., 
     assert severity_of_warning(loss) is Severity.PROBLEM
     assert severity_of_warning(loss, cut) is Severity.WARNING
     assert severity_of_warning(replace(loss, id="another")) is Severity.WARNING
+
+
+def test_profile_written_again_is_no_root_beside_the_cause(finding: Callable[..., Any]) -> None:
+    def roots(*others: Finding) -> list[str]:
+        changed = finding("profile-changed", severity=Severity.WARNING)
+        found = weigh_by_ground_truth([changed, finding("unexplained"), *others], GroundTruth(State.BROKEN))
+        return [root.finding.id for root in fold_consequences(found)]
+
+    assert roots(finding("robot-multi-homed", "unexplained")) == ["robot-multi-homed"]
+    assert roots(finding("unit-not-enabled", "unexplained", severity=Severity.WARNING)) == ["unit-not-enabled"]
+    assert roots(finding("robot-multi-homed", "unexplained:other")) == ["unexplained", "robot-multi-homed", "profile-changed"]
 
 
 def test_same_finding_of_two_checks_is_listed_once(finding: Callable[..., Any]) -> None:

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from lupin_cli.checks import Check, Finding, Fix, Severity, Snapshot
+from lupin_cli.checks import Check, Finding, Fix, Gap, Severity, Snapshot
 from lupin_cli.doctor.engine import Diagnosis, diagnose
 from lupin_cli.doctor.report import (
     UnknownFieldError,
@@ -38,7 +38,7 @@ def diagnosis(finding: Callable[..., Finding]) -> Diagnosis:
     root = finding("no-server", "blank", playbook="recover-discovery", safe=True)
     checks = [QUIET, Check("server", lambda _e: [root]), Check("page", lambda _e: [finding("blank")]), Check("odd", breaks)]  # type: ignore[arg-type]
     return diagnose(
-        checks, Snapshot(Facts("laptop", {"routes": Unknown("slow")}), None), ["plug-in theirs (a:b): ImportError: x"]
+        checks, Snapshot(Facts("laptop", {"routes": Unknown("slow")}), None), [Gap("plug-in", "theirs (a:b)", "ImportError: x")]
     )
 
 
@@ -46,7 +46,7 @@ def test_exit_status_matches_the_manual(diagnosis: Diagnosis, finding: Callable[
     healthy = diagnose([QUIET], HEALTHY)
     warned = diagnose([Check("w", lambda _e: [finding("w", severity=Severity.WARNING)])], HEALTHY)
     gap = diagnose([QUIET], Snapshot(Facts("laptop", {"a": Unknown("slow")}), None))
-    broken = diagnose([QUIET], HEALTHY, ["plug-in x (y): z"])
+    broken = diagnose([QUIET], HEALTHY, [Gap("plug-in", "x (y)", "z")])
     assert [exit_status(d) for d in (healthy, warned, diagnosis, gap, broken)] == [0, 1, 1, 4, 4]
     assert exit_status(diagnosis, Link("r", "10.42.0.1", "timeout")) == 3
     assert exit_status(healthy, Link("r", "10.42.0.1")) == 0

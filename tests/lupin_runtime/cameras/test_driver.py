@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -21,7 +20,7 @@ from lupin_runtime.cameras.configuration import CameraConfiguration, Gripper
 from lupin_runtime.cameras.devices import GRIPPER
 from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, OFF, RUNNING
 from lupin_runtime.cameras.holders import find_holders, terminate
-from tests.support.waiting import wait_until
+from tests.support.waiting import wait_for_nothing, wait_until
 
 # Keeps the file in its first argument open, as a camera driver does; with a second argument it ignores all signals but SIGKILL.
 HOLD = """#!{python}
@@ -159,7 +158,7 @@ def test_other_program_is_named_and_not_terminated(
     camera_driver()
     said = wait_until(lambda: capfd.readouterr().out, "a message")
     assert f"held by cheese (process {person.pid})" in said and f"kill {person.pid}" in said
-    time.sleep(0.3)  # in which a driver would have started
+    wait_for_nothing(0.3, "the start of our driver")
     assert person.poll() is None and ros2.read_text() == ""
     person.kill()
     wait_until(ros2.read_text, "the start of our driver")
@@ -199,7 +198,7 @@ def test_driver_of_switched_off_camera_does_not_start(
     assert device.exists()
     camera_driver(CameraConfiguration(gripper=Gripper(enabled=False)))
     wait_until(lambda: "is switched off in /etc/lupin/cameras.yaml" in capfd.readouterr().out, "a message")
-    time.sleep(0.3)  # in which a driver would have started
+    wait_for_nothing(0.3, "the start of our driver")
     assert ros2.read_text() == ""
 
 

@@ -19,6 +19,7 @@ from lupin_runtime import graph
 from lupin_runtime.record.reader import Recording
 from tests.support.optional import present
 from tests.support.rosbag2_folders import write_split
+from tests.support.waiting import wait_for_nothing
 
 if TYPE_CHECKING:
     from geometry_msgs.msg import Twist
@@ -147,8 +148,9 @@ def test_gripper_camera_is_recorded_only_while_scanning(spinning: Spinning, unti
     assert camera.get_subscription_count() == 0
     state.publish(MissionState(lifecycle_state="MONITORING", mission_phase="SCANNING"))
     until(lambda: camera.get_subscription_count(), "the camera is recorded while scanning")
+    entry = next(entry for entry in recorder._recorded if entry.row.topic is GRIPPER_CAMERA)
     camera.publish(CompressedImage(format="jpeg", data=[1, 2, 3]))
-    time.sleep(0.2)  # until the image is recorded
+    until(lambda: entry.channel is not None, "the image")
     state.publish(MissionState(lifecycle_state="MONITORING", mission_phase="NAVIGATING"))
     until(lambda: not camera.get_subscription_count(), "the camera is left alone while driving")
     recorder.before_shutdown()
@@ -200,7 +202,7 @@ def test_full_disk_stops_the_recording_not_the_process(spinning: Spinning, until
         # Noise, which cannot be compressed.
         source.create_timer(0.02, lambda: publisher.publish(String(data=os.urandom(2000).hex())))
         until(lambda: not publisher.get_subscription_count(), "the recorder lets its topics go")
-        time.sleep(0.5)  # in which it would have exited
+        wait_for_nothing(0.5, "the end of the process")
         assert process.poll() is None
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=STOPS_WITHIN_S)

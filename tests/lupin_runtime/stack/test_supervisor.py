@@ -24,7 +24,7 @@ from lupin_runtime.stack.service import failure
 from lupin_runtime.stack.supervisor import LIVENESS_FAILED, Phase, Supervisor
 from lupin_runtime.stack.table import ProcessRow
 from lupin_runtime.stack.takeover import claim_place, holder_of
-from tests.support.waiting import wait_until
+from tests.support.waiting import wait_for_nothing, wait_until
 
 STAY = "import sys; sys.stdin.read()"
 
@@ -312,7 +312,7 @@ def test_child_exits_if_a_killed_supervisor_left_beats_unread() -> None:
     supervisor = subprocess.Popen([sys.executable, "-c", parent], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert supervisor.stdout is not None
     orphan = psutil.Process(int(supervisor.stdout.readline()))
-    time.sleep(0.5)  # the child sends more heartbeats, which stay unread
+    wait_for_nothing(0.5, "an answer to the heartbeats that the child sends meanwhile")
     supervisor.kill()
     supervisor.wait(5.0)
     supervisor.stdout.close()

@@ -17,6 +17,8 @@ from typing import Any
 import psutil
 import pytest
 
+from tests.support.waiting import wait_for_nothing
+
 pytestmark = [pytest.mark.sim, pytest.mark.graph, pytest.mark.xdist_group("stack")]
 
 BARE = ("--no-slam", "--no-nav2", "--no-twin", "--no-perception", "--no-record", "--no-cameras")
@@ -185,11 +187,11 @@ def test_suspended_run_continues_without_replacing_anything(up: Callable[..., An
     everything = [psutil.Process(run.process.pid), *run.children()]
     for process in everything:
         process.suspend()
-    time.sleep(4.0)  # longer than the silence after which a process is replaced
+    wait_for_nothing(4.0, "a replacement of silent processes, by a supervisor that is suspended too")
     for process in everything:
         process.resume()
     run.wait(lambda: run.lupin("status").returncode == 0, "status without an alarm")
-    time.sleep(3.0)  # a replacement would begin within 2 s
+    wait_for_nothing(3.0, "a replacement, which would begin within 2 s")
     assert run.state()["deaths"] == []
     assert run.lupin("status").returncode == 0
 

@@ -45,9 +45,10 @@ def test_shared_clock_file_reports_offset_and_rate(tmp_path: Path) -> None:
     clock.disturb(offset_s=-287.5, crystal_ppm=0.0)
     assert abs(clock.offset_s + 287.5) < 1e-3
     clock.disturb(crystal_ppm=500000.0)  # 50 % too fast, so that the effect is visible at once
-    start_offset_s, start = clock.offset_s, time.time()
-    time.sleep(0.05)
-    assert clock.offset_s - start_offset_s == pytest.approx((time.time() - start) / 2, rel=0.3)
+    before, first_s, after = time.time(), clock.offset_s, time.time()
+    wait_until(lambda: time.time() > after + 0.05, "some time")
+    later, second_s, latest = time.time(), clock.offset_s, time.time()
+    assert (later - after) / 2 - 1e-3 < second_s - first_s < (latest - before) / 2 + 1e-3
     clock.reset()
     assert abs(clock.offset_s) < 1e-3
     assert clock.crystal_ppm == 0.0

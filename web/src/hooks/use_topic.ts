@@ -2,7 +2,7 @@ import { createContext, useCallback, useContext, useEffect, useRef, useSyncExter
 import type { MessageTypes } from "@/generated/messages";
 import type { SubscribeOptions } from "@/ros/rosbridge";
 import type { Sample, TopicRow, TopicStore } from "@/ros/topics";
-import { topics } from "@/robot";
+import { topics } from "@/robot/link";
 
 /** Where views take their samples from: the robot, unless they show the past. */
 export const TopicsContext = createContext<TopicStore>(topics);

@@ -2,7 +2,7 @@
 import { create } from "zustand";
 import { type PastState, useHistory } from "@/api/history";
 import { TOPICS } from "@/generated/graph";
-import { topics } from "@/robot";
+import { topics } from "@/robot/link";
 import { MAX_EVENTS, type MissionEvent, type Visit, consoleEvent, eventsBetween, observationEvent, observationKey, seconds, visitOf } from "./events";
 import { RecentKeys } from "./recent_keys";
 

@@ -1,6 +1,6 @@
 import { useEffect, useState } from "react";
 import { SERVICES } from "@/generated/graph";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 
 /** Whether anything on the robot listens to a topic; null while that is not known. */
 export function useIsHeard(topic: string): boolean | null {

@@ -1,5 +1,5 @@
 import { useEffect, useRef } from "react";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { askForPath } from "./goal_actions";
 import { useMapUi } from "./map_ui";
 

@@ -2,7 +2,7 @@
 import { useMemo, useSyncExternalStore } from "react";
 import { useConsole } from "@/api/console_store";
 import { useTimeValue } from "@/hooks/use_now";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { useIsRewound } from "@/state/rewind";
 import { useSetting } from "@/state/settings";
 import { POSE_STALE_MS, liveMap } from "./live_map";

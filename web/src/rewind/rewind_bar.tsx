@@ -2,7 +2,7 @@ import { History, Pause, Play, Radio, RotateCcw, RotateCw } from "lucide-react";
 import { useEffect } from "react";
 import { useNow } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
-import { robotTime } from "@/robot";
+import { robotTime } from "@/robot/link";
 import { showProblem } from "@/state/problems";
 import { useRoute } from "@/state/route";
 import { Button } from "@/ui/button";

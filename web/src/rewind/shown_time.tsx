@@ -1,7 +1,7 @@
 import type { ReactNode } from "react";
 import { ClockContext, LIVE_CLOCK } from "@/hooks/use_now";
 import { TopicsContext } from "@/hooks/use_topic";
-import { topics } from "@/robot";
+import { topics } from "@/robot/link";
 import { recordedTopics } from "./rewind";
 import { useIsRewound } from "@/state/rewind";
 import { REWOUND_CLOCK } from "@/hooks/view_clock";

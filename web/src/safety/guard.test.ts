@@ -47,7 +47,7 @@ it("a tab that watches another one stops and commands nothing", () => {
 });
 
 it("a page that shows another robot than its console's stops, takes that back, and commands nothing", async () => {
-  const { gate } = await import("@/robot");
+  const { gate } = await import("@/robot/stop");
   goElsewhere("ws://192.0.2.7:9090");
   expect(() => refuseCommand(TOPICS.GOAL_POSE)).toThrow("elsewhere_no_command");
   expect(() => refuseCommand(SERVICES.GET_TIME)).not.toThrow();

@@ -1,7 +1,7 @@
 import { useEffect, useRef } from "react";
 import { useConsole } from "@/api/console_store";
 import { useEstop, useMission } from "@/hooks/use_situation";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { isActive } from "@/state/sentence";
 import { useSetting } from "@/state/settings";
 import { cn } from "@/ui/cn";

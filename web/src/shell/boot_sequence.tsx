@@ -5,7 +5,7 @@ import { useNow } from "@/hooks/use_now";
 import { useEstop } from "@/hooks/use_situation";
 import { useTopic } from "@/hooks/use_topic";
 import { type Text, useText } from "@/i18n/text";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { useSetting } from "@/state/settings";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";

@@ -4,7 +4,7 @@ import { useConsole } from "@/api/console_store";
 import { useCanDrive } from "@/hooks/use_situation";
 import { useIsPhone } from "@/hooks/use_is_phone";
 import { useText } from "@/i18n/text";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { Dialog } from "@/ui/dialog";

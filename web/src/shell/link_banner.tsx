@@ -2,7 +2,7 @@ import { Unplug } from "lucide-react";
 import { useConsole } from "@/api/console_store";
 import { useAge } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { formatDuration } from "@/ui/numbers";
 
 /** Says that nothing arrives any more; grey, since a lost link is not a fault of the robot. */

@@ -3,7 +3,7 @@ import { act } from "react";
 import { type Root, createRoot } from "react-dom/client";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { HOLD_MS, HoldButton } from "@/ui/hold_button";
-import { useGate } from "@/robot";
+import { useGate } from "@/robot/stop";
 import { MirroredStop, PlainStop } from "./stop_bar";
 
 (globalThis as { IS_REACT_ACT_ENVIRONMENT?: boolean }).IS_REACT_ACT_ENVIRONMENT = true;

@@ -6,7 +6,8 @@ import { useEstop } from "@/hooks/use_situation";
 import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { useIsRewound } from "@/state/rewind";
-import { gate as stopGate, release, useGate, useLink, withdrawStop } from "@/robot";
+import { useLink } from "@/robot/link";
+import { gate as stopGate, release, useGate, withdrawStop } from "@/robot/stop";
 import { elsewhere } from "@/safety/elsewhere";
 import { useTabRole } from "@/safety/commanding_tab";
 import { type StopLine, stopLines } from "@/state/stop_reasons";
@@ -61,7 +62,7 @@ export function StoppedBanner() {
       <Octagon aria-hidden="true" className={cn("shrink-0", stopped ? "size-8" : "size-6 text-text-3")} />
       <p className="min-w-0 grow basis-60">
         <strong className={stopped ? "text-lead leading-tight font-bold max-md:text-base" : "font-semibold"}>
-          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : gate.reason === null || gate.reason === "startup" ? text("cannot_drive_yet") : text("can_drive_no", { reason: text(`reason_${gate.reason}`) })}
+          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : gate.reason === null || gate.reason === "startup" || gate.reason === "user" ? text("cannot_drive_yet") : text("can_drive_no", { reason: text(`reason_${gate.reason}`) })}
         </strong>
         {!stopped && gate.reason !== null && gate.reason !== "startup" && (
           <span aria-hidden="true" className="ml-2 text-text-2 tabular-nums" data-testid="stop-age">

@@ -4,7 +4,7 @@ import { hasControl, otherBrowsers, useConsole } from "@/api/console_store";
 import { useAge, useNow } from "@/hooks/use_now";
 import { BATTERY_STALE_MS, useBattery, useIsControlStale, useIsLinkLost, useMission, useMissionSilence, useSentence } from "@/hooks/use_situation";
 import { type Text, type TextKey, useText } from "@/i18n/text";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { useTabRole } from "@/safety/commanding_tab";
 import { type Charge, chargeOf, chargeShare } from "@/state/battery";
 import { progress } from "@/state/sentence";

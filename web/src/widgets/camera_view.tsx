@@ -3,7 +3,7 @@ import { type RefObject, useEffect, useRef, useState } from "react";
 import { useNow } from "@/hooks/use_now";
 import { useTopics } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
-import { robotTime } from "@/robot";
+import { robotTime } from "@/robot/link";
 import { useIsRewound, useRewind } from "@/state/rewind";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";

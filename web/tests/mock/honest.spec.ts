@@ -47,11 +47,11 @@ test("the torque's switch and the line beside it say the same, and nothing of th
   });
   // A limp arm may be enabled while the robot is stopped: that holds it where it is.
   await expect(panel).toContainText("enabled, the arm is held where it is");
-  await expect(panel).not.toContainText("Not now");
+  await expect(panel).not.toContainText("cannot be switched");
   expect(await isWhole()).toBe(true);
   await panel.getByRole("button", { name: "Enable" }).click();
   // A stiff one would sink.
   await expect(panel.getByRole("button", { name: "Hold to disable" })).toBeDisabled();
-  await expect(panel).toContainText("Not now: the robot is stopped");
+  await expect(panel).toContainText("Torque cannot be switched: the robot is stopped");
   expect(await isWhole()).toBe(true);
 });

@@ -6,7 +6,7 @@ import { ARM } from "./joints";
 type Answer = { success?: boolean; status?: boolean; message?: string };
 const calls: { name: string; request: Record<string, unknown>; answer: (value: Answer) => void; fail: (error: Error) => void }[] = [];
 
-vi.mock("@/robot", () => ({
+vi.mock("@/robot/commands", () => ({
   call: (row: { name: string }, request: Record<string, unknown>) =>
     new Promise((answer, fail) => calls.push({ name: row.name, request, answer, fail })),
 }));

@@ -5,7 +5,7 @@ import { JOINTS, SERVICES } from "@/generated/graph";
 import type { trajectory_msgs_JointTrajectory } from "@/generated/messages";
 import { ARM_PRESETS, PRESET_DURATION_S } from "@/generated/robot";
 import { textIn, useLanguage } from "@/i18n/text";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 import { showProblem } from "@/state/problems";
 import { setting } from "@/state/settings";
 import type { CalibrationState } from "./calibration";

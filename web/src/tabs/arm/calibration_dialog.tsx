@@ -5,7 +5,7 @@ import { SERVICES } from "@/generated/graph";
 import type { lupin_msgs_CalibrateArm_Response } from "@/generated/messages";
 import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 import { Button } from "@/ui/button";
 import { Dialog } from "@/ui/dialog";
 import { HoldButton } from "@/ui/hold_button";

@@ -3,7 +3,7 @@ import { DropdownMenu } from "radix-ui";
 import { useState } from "react";
 import { SERVICES } from "@/generated/graph";
 import { useText } from "@/i18n/text";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 import { showAnswer } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { Dialog } from "@/ui/dialog";

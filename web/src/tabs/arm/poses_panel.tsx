@@ -3,7 +3,7 @@ import { useState } from "react";
 import { SERVICES } from "@/generated/graph";
 import { PRESET_DURATION_S } from "@/generated/robot";
 import { useText } from "@/i18n/text";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 import { showAnswer } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { Panel } from "@/ui/panel";

@@ -52,7 +52,7 @@ export function TorquePanel({ obstacles }: { obstacles: readonly Reason[] }) {
       <div role="status" className="min-w-0 grow basis-48">
         <p className="text-lg leading-tight font-bold">{text(title)}</p>
         <p className={cn("text-xs", blocker === undefined ? "text-text-2" : "text-attention")}>
-          {blocker !== undefined ? text("arm_not_now", { reason: text(blocker.key, blocker.values) }) : text(isStopped ? "arm_enable_while_stopped" : hint)}
+          {blocker !== undefined ? text("arm_torque_blocked", { reason: text(blocker.key, blocker.values) }) : text(isStopped ? "arm_enable_while_stopped" : hint)}
           {answer !== "" && <span className="block text-text-3">{text("arm_answer", { answer })}</span>}
         </p>
       </div>

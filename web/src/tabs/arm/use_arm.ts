@@ -6,7 +6,7 @@ import { useNow } from "@/hooks/use_now";
 import { useMotionObstacles } from "@/hooks/use_situation";
 import { useSamples, useTopic } from "@/hooks/use_topic";
 import type { TextKey } from "@/i18n/text";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import type { Reason } from "@/state/can_drive";
 import { useSetting } from "@/state/settings";
 import { type Arm, createArm, useArmModel, useOpenArm } from "./arm_model";

@@ -3,7 +3,8 @@ import { useCallback, useEffect, useState } from "react";
 import { SERVICES } from "@/generated/graph";
 import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
-import { call, useLink } from "@/robot";
+import { call } from "@/robot/commands";
+import { useLink } from "@/robot/link";
 import { type Library, parseLibrary } from "./library";
 
 export interface LibraryReading {

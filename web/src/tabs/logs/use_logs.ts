@@ -4,7 +4,7 @@ import { useConsole } from "@/api/console_store";
 import { getJson } from "@/api/http";
 import { TOPICS } from "@/generated/graph";
 import type { rcl_interfaces_Log as Log } from "@/generated/messages";
-import { topics } from "@/robot";
+import { topics } from "@/robot/link";
 import { LogStore, type Tail } from "./log_store";
 
 /** In a flood of messages every row changes. This period is short enough to follow, and leaves time for the rest of the page. */

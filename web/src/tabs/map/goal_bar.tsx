@@ -14,7 +14,7 @@ import { isRunning, useMissionState } from "@/map/use_mission";
 import { type Draft, type Preview, draftSender, dropDraft, useMapUi } from "@/map/map_ui";
 import { lengthOf, shownPlan } from "@/map/route";
 import { writeLength } from "@/map/sensor_text";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";

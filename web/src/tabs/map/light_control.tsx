@@ -4,7 +4,7 @@ import { SERVICES } from "@/generated/graph";
 import { LED_COLORS } from "@/generated/robot";
 import { useAge } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 import { showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";

@@ -7,7 +7,7 @@ import { useText } from "@/i18n/text";
 import { liveMap } from "@/map/live_map";
 import { usePoseState } from "@/map/use_presentation";
 import { useIsRewound, useRewind } from "@/state/rewind";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { isRobotLost } from "@/state/sentence";
 import { useSetting } from "@/state/settings";
 import { Announced } from "@/ui/announced";

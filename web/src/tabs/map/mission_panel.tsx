@@ -9,7 +9,7 @@ import { useMissionLog } from "@/map/mission_log";
 import { ALL_TAGS, ENDS, MISSION_SERVICES, type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
 import { transitStops } from "@/map/transit";
 import { type Mission, isRunning, useIsMissionStale, useMissionFacts, useMissionState } from "@/map/use_mission";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 import { useRewind } from "@/state/rewind";
 import { showDone, showProblem } from "@/state/problems";
 import { Announced } from "@/ui/announced";

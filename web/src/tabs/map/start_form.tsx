@@ -5,7 +5,7 @@ import { useNavigates } from "@/hooks/use_situation";
 import { type TextKey, useText } from "@/i18n/text";
 import { useMissionLog } from "@/map/mission_log";
 import { ALL_TAGS, readTagIds } from "@/map/mission_rules";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { HoldButton } from "@/ui/hold_button";

@@ -3,7 +3,7 @@ import { useEffect, useState } from "react";
 import { TOPICS } from "@/generated/graph";
 import type { MessageTypes } from "@/generated/messages";
 import { useSamples } from "@/hooks/use_topic";
-import { topics, useLink } from "@/robot";
+import { topics, useLink } from "@/robot/link";
 import type { SubscribeOptions } from "@/ros/rosbridge";
 import type { TopicRow } from "@/ros/topics";
 import { TimeSeries } from "@/widgets/time_series";

@@ -3,7 +3,7 @@ import { TOPICS } from "@/generated/graph";
 import { useBattery } from "@/hooks/use_situation";
 import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
-import { useLink } from "@/robot";
+import { useLink } from "@/robot/link";
 import { useSetting } from "@/state/settings";
 import { cn } from "@/ui/cn";
 import { fixed, signed, formatDuration } from "@/ui/numbers";

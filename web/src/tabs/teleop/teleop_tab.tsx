@@ -6,7 +6,7 @@ import { useAge } from "@/hooks/use_now";
 import { useDriveObstacles, useMissionDrives } from "@/hooks/use_situation";
 import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
-import { driver, useDrive } from "@/robot";
+import { driver, useDrive } from "@/robot/driving";
 import { type DriveSource, type Velocity, ZERO, isZero } from "@/safety/drive";
 import { showProblem } from "@/state/problems";
 import { MirroredStop } from "@/shell/stop_bar";

@@ -3,7 +3,7 @@ import { useEffect, useId, useState } from "react";
 import { SERVICES } from "@/generated/graph";
 import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
-import { call } from "@/robot";
+import { call } from "@/robot/commands";
 import { Button } from "@/ui/button";
 import { Dialog } from "@/ui/dialog";
 import { fixed } from "@/ui/numbers";

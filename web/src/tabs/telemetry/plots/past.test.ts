@@ -2,7 +2,7 @@
 import { expect, it, vi } from "vitest";
 import type { Load, RecordedSample } from "@/rewind/windows";
 
-vi.mock("@/robot", () => ({ robotTime: () => null, useLink: { getState: () => ({ roundTripMs: null }) } }));
+vi.mock("@/robot/link", () => ({ robotTime: () => null, useLink: { getState: () => ({ roundTripMs: null }) } }));
 vi.mock("@/rewind/rewind", () => ({ currentRun: () => Promise.reject(new Error("no run")) }));
 const { readPast, readRunPast } = await import("./past");
 

@@ -6,7 +6,7 @@
  */
 import { currentRun } from "@/rewind/rewind";
 import { type Load, type RecordedSample, loadFrom } from "@/rewind/windows";
-import { robotTime, useLink } from "@/robot";
+import { robotTime, useLink } from "@/robot/link";
 
 /** The server answers windows of up to 30 s, and cuts those with too many samples. */
 const WINDOW_S = 30;

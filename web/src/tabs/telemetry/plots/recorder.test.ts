@@ -5,7 +5,7 @@ import type { PlotSeries } from "./plot_store";
 
 const live = vi.hoisted(() => ({ listeners: [] as (() => void)[], sample: undefined as { message: unknown; receivedMs: number } | undefined }));
 
-vi.mock("@/robot", () => ({
+vi.mock("@/robot/link", () => ({
   topics: {
     listen: (_: unknown, __: unknown, listener: () => void) => {
       live.listeners.push(listener);

@@ -1,5 +1,5 @@
 /** Records the plotted fields while the plots are open, and fills them back from the run's recording. */
-import { topics } from "@/robot";
+import { topics } from "@/robot/link";
 import type { TopicRow } from "@/ros/topics";
 import { TimeSeries } from "@/widgets/time_series";
 import { valueAt } from "../fields";

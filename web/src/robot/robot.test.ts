@@ -47,9 +47,14 @@ const topicRows = Object.entries(TOPICS).filter(([name, row]) => row.console ===
 const serviceRows = [...Object.entries(SERVICES), ...Object.entries(JOINT_SERVICES)].filter(([, row]) => row.console === "operator");
 const COMMANDS = [...topicRows.map(([name, row]) => ({ name, row, kind: "topic" as const })), ...serviceRows.map(([name, row]) => ({ name, row, kind: "service" as const }))];
 
+/** Load the page's modules anew. */
+async function importRobot() {
+  return { ...(await import("./start")), ...(await import("./stop")), ...(await import("./commands")), ...(await import("./driving")) };
+}
+
 async function openPage(gateState: Gate, holder: Holder) {
   vi.resetModules();
-  const robot = await import("@/robot");
+  const robot = await importRobot();
   const { useConsole: store } = await import("@/api/console_store");
   const { useTabRole } = await import("@/safety/commanding_tab");
   robot.startRobot();
@@ -182,7 +187,7 @@ describe("a page on another robot's rosbridge", () => {
       return Promise.resolve(Response.json(path === "/_api/session" ? { session, control: { holder: OWN, since_s: null, requester: null }, stop: [] } : { stop: [] }));
     });
     vi.resetModules();
-    const robot = await import("@/robot");
+    const robot = await importRobot();
     robot.startRobot();
     await vi.advanceTimersByTimeAsync(100);
     sockets.findLast((socket) => String(socket.url).includes("192.0.2.7"))?.onopen?.();
