@@ -20,6 +20,8 @@ from lupin_cli.app import COMMANDS, app
 from lupin_cli.checks.findings import FINDINGS, FindingRow
 from lupin_cli.operations.table import OPERATIONS
 from lupin_runtime import graph
+from lupin_runtime.voice.arguments import Argument, Outside
+from lupin_runtime.voice.tools import TOOLS, Gate, Tool
 from tests.support.finding_proofs import PROOFS
 from tools.known_faults import KNOWN_FAULTS
 from tools.nav2_qos import UPSTREAM
@@ -195,6 +197,40 @@ def nav2_qos_table() -> str:
     return _table(("Topic", "Published elsewhere by", "Its QoS", "Lupin's", "Why Lupin offers less"), rows)
 
 
+# -- docs/voice.md ----------------------------------------------------------------------------------------------------
+def voice_tools_table() -> str:
+    """Return the table of the voice agent's tools in Markdown."""
+    rows = [
+        (
+            f"`{tool.name}`",
+            "<br>".join(_argument(argument) for argument in tool.arguments) or "–",
+            tool.does,
+            tool.effect.value,
+            _gate(tool),
+            _read_back(tool),
+            ", ".join(f"`{field}`" for field in tool.results) or "–",
+        )
+        for tool in TOOLS
+    ]
+    return _table(("Tool", "Arguments", "Effect", "Kind", "Gate", "Read back", "Result"), rows)
+
+
+def _argument(argument: Argument) -> str:
+    notes = [argument.expected, *(["required"] if argument.required else [])]
+    notes += ["limited to the range"] if argument.outside is Outside.LIMIT else []
+    notes += [] if argument.fallback is None else [f"{argument.fallback:g} for what is no number"]
+    return f"`{argument.name}`: {'; '.join(notes)}"
+
+
+def _gate(tool: Tool) -> str:
+    gates = [*([] if tool.gate is Gate.NONE else [tool.gate.value]), *(["pose on the map"] if tool.needs_pose else [])]
+    return ", ".join(gates) or "–"
+
+
+def _read_back(tool: Tool) -> str:
+    return ", ".join(f"for {action}" if action else "yes" for action in tool.read_back) or "–"
+
+
 # -- all --------------------------------------------------------------------------------------------------------------
 def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, ("---",) * len(header), *rows))
@@ -211,6 +247,7 @@ TABLES: dict[str, tuple[str, Callable[[], str]]] = {
     "playbooks.md": ("operations", operations_table),
     "regressions.md": ("known faults", known_faults_tables),
     "resilience.md": ("events", events_table),
+    "voice.md": ("tools", voice_tools_table),
 }
 
 

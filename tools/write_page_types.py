@@ -3,8 +3,8 @@
     python -m tools.write_page_types
 
 `messages.ts` has the types of all messages and services that the table of the graph names, `graph.ts` that table, `robot.ts`
-limits, presets, colors and ranges, `settings.ts` the page's settings, `sentences.ts` what the robot and the console say, and
-`robot_model.ts` the shapes of the simulated robot.
+limits, presets, colors and ranges, `settings.ts` the page's settings, `sentences.ts` what the robot and the console say,
+`robot_model.ts` the shapes of the simulated robot, and `voice_tools.ts` the voice agent's tools.
 `tools/build_page.py` runs it before each build, lint and test of the page; git does not have them. A module that did not change
 is not written.
 """
@@ -33,7 +33,9 @@ from lupin_runtime.drive.twist import HardLimits
 from lupin_runtime.lights import palette
 from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, SOON_THRESHOLD
 from lupin_runtime.twin.health import IDEAL_RANGES, MAX_DEVIATION, OFF_RANGE, STATES
+from lupin_runtime.voice.declarations import function_declarations
 from lupin_sim import mirte, robot_model
+from tools import voice_types
 
 FOLDER = Path(__file__).parents[1] / "web" / "src" / "generated"
 HEADER = "// Generated: `python -m tools.write_page_types`.\n"
@@ -337,6 +339,18 @@ def _rounded_list(values: Any) -> list[float]:
     return [_rounded(value) for value in values]
 
 
+# -- voice_tools.ts ---------------------------------------------------------------------------------------------------
+def voice_tools_module() -> str:
+    """The voice agent's tools, the types of their arguments, and their declarations for a model."""
+    return (
+        HEADER
+        + _constant_block("VOICE_TOOLS", voice_types.described_tools())
+        + "export type VoiceToolName = keyof typeof VOICE_TOOLS;\n"
+        + _block("interface VoiceToolArguments", voice_types.argument_types())
+        + _constant_block("FUNCTION_DECLARATIONS", function_declarations())
+    )
+
+
 # -- writing ----------------------------------------------------------------------------------------------------------
 def _block(head: str, rows: Any) -> str:
     return f"export {head} {{\n" + "".join(f"  {row}\n" for row in rows) + "}\n"
@@ -356,6 +370,7 @@ def modules() -> dict[str, str]:
         "settings.ts": settings_module(),
         "sentences.ts": HEADER + _constant_block("SENTENCES", {name: _plain_places(text) for name, text in SENTENCES.items()}),
         "robot_model.ts": robot_model_module(),
+        "voice_tools.ts": voice_tools_module(),
     }
 
 

@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Hashable
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
@@ -49,6 +49,7 @@ _ESTOP_DELAY_NS = 1_500_000_000  # after which the e-stop's status contains a re
 MAX_WAITING = 200
 
 Done = Callable[[bool, Any], None]
+_Result = TypeVar("_Result")
 
 
 class Client(Receiver, Hashable, Protocol):
@@ -182,6 +183,14 @@ class Bridge:
         is_command = self.authority.needs_control(name) and absolute(name) != graph.MISSION_PAUSE.name
         return self._era.refusal() if is_command else always_valid
 
+    def command_refusal(self) -> Refusal:
+        """Return what a command that is given now must ask before it is carried out."""
+        return self._era.refusal()
+
+    def run_with_node(self, function: Callable[[LupinNode], _Result]) -> Future[_Result]:
+        """Call a function on the executor's thread with the node, to add to it or to read what it has received."""
+        return self._ros.run(lambda: function(self._node))
+
     def _log_failure(self, future: Future[Any]) -> None:
         """Log a defect of the server; errors that a client can cause are ValueErrors and handled elsewhere."""
         error = future.exception()
@@ -307,6 +316,10 @@ class Bridge:
         self._manual_output.publish(values.fill(Twist, twist, self._now))
         if is_start:
             self.record(client.session.name, "drive")
+
+    def is_driven_by_others(self, client: Client) -> bool:
+        """Return whether a client other than this one is driving."""
+        return self._stops.is_driving(self._node.monotonic_ns(), except_for=client)
 
     def set_stop(self, client: Client, engaged: bool, press: str = "") -> str:
         """Engage a client's own stop, or let go of it, which everybody may. A page names its `press`.

@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from aiohttp import WSCloseCode, web
 
@@ -46,6 +46,9 @@ from lupin_runtime.console.shared_data import SharedData
 from lupin_runtime.console.stop_registry import press_name
 from lupin_runtime.console.video import VideoRelay
 from lupin_runtime.stack.runs import Run
+
+if TYPE_CHECKING:
+    from lupin_runtime.console.voice import VoiceAgents
 
 COOKIE = "lupin_session"
 MAX_CLIENTS = 256
@@ -133,6 +136,8 @@ class Origin:
         self._maps = Maps(bridge, run)
         self._approaches = Approaches(bridge, self._events, overrides_file)
         self._rewind = Rewind()
+        self._settings: Mapping[str, Any] = {}  # those that were changed
+        self._voice: VoiceAgents | None = None
         self._open: dict[Connection, Session] = {}
         self._open_paths: set[str] = set()
         self._rosbridge_count = 0  # connections so far
@@ -173,6 +178,7 @@ class Origin:
                 self._listen,
                 "Who is connected; changes of control, stop, run, doctor, locations, approaches, settings; events (WebSocket).",
             ),
+            Resource("/_api/voice", self._serve_voice, "The tools of the voice agent (WebSocket)."),
         )
         self._open_paths = {"/", _ROOT_CERTIFICATE_PATH, *(resource.path for resource in resources if resource.open)}
         add_resources(
@@ -391,6 +397,7 @@ class Origin:
         return web.json_response(await self.doctor.fix(finding, dry_run=not confirmed))
 
     def _apply_settings(self, settings: Mapping[str, Any]) -> None:
+        self._settings = settings
         self.video.point_at(settings.get("webVideoServerUrl", ""))
 
     async def _apply_stored_settings(self, _: web.Application) -> None:
@@ -403,10 +410,22 @@ class Origin:
         async with self._accept(request) as connection:
             self._events.join(connection)
             try:
-                await connection.serve(lambda _: self._bridge.authority.note_alive(session, time.monotonic_ns()), lambda: False)
+                await connection.serve(lambda _: self._note_alive(session), lambda: False)
             finally:
                 self._events.leave(connection)
         return connection.socket
+
+    async def _serve_voice(self, request: web.Request) -> web.StreamResponse:
+        if self._voice is None:
+            from lupin_runtime.console.voice import VoiceAgents  # a console without a voice agent does without these modules
+
+            self._voice = VoiceAgents(
+                self._bridge, self._accept, self._note_alive, lambda: self._settings, self._shared.change_location
+            )
+        return await self._voice.serve(request)
+
+    def _note_alive(self, session: Session) -> None:
+        self._bridge.authority.note_alive(session, time.monotonic_ns())
 
     def _is_paired(self, request: web.Request) -> bool:
         """Return whether the browser that sent a request is still paired."""

@@ -11,6 +11,7 @@ from aiohttp import web
 
 from lupin_runtime import graph
 from lupin_runtime.console.api_table import SESSION, Resource, json_object
+from lupin_runtime.console.authority import Session
 from lupin_runtime.console.bridge import Bridge, ServiceFailed
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.locations import (
@@ -97,18 +98,25 @@ class SharedData:
 
     async def _change_location(self, request: web.Request) -> web.StreamResponse:
         body = await json_object(request)
-        name, pose = body.get("name"), body.get("pose")
-        self._take_control(request)
         try:
-            if pose is None:
-                changed = await asyncio.to_thread(remove_location, locations_file(), name)
-            else:
-                changed = await asyncio.to_thread(save_location, locations_file(), name, pose)
+            return web.json_response(await self.change_location(request[SESSION], body.get("name"), body.get("pose")))
         except BadLocation as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from error
-        self._bridge.record(request[SESSION].name, f"{'remove' if pose is None else 'save'} location {name}", pose)
+
+    async def change_location(self, session: Session, name: Any, pose: Any) -> dict[str, dict[str, float]]:
+        """Save or replace a location for a session, or remove it if `pose` is None; returns all locations.
+
+        Control is taken if it is free: only the session in control may change shared data. Raises Refused, BadLocation,
+        MalformedFile and OSError.
+        """
+        self._bridge.authority.take(session, time.monotonic_ns())
+        if pose is None:
+            changed = await asyncio.to_thread(remove_location, locations_file(), name)
+        else:
+            changed = await asyncio.to_thread(save_location, locations_file(), name, pose)
+        self._bridge.record(session.name, f"{'remove' if pose is None else 'save'} location {name}", pose)
         self._events.push("locations", changed)
-        return web.json_response(changed)
+        return changed
 
     async def _import_locations(self, request: web.Request) -> web.StreamResponse:
         found = (await json_object(request)).get("locations")
@@ -139,7 +147,3 @@ class SharedData:
         self._bridge.record(request[SESSION].name, "change settings", changes)
         self._events.push("settings", settings)
         return web.json_response({"version": VERSION, "settings": settings})
-
-    def _take_control(self, request: web.Request) -> None:
-        """Take control if it is free: only the session in control may change shared data. Raises Refused."""
-        self._bridge.authority.take(request[SESSION], time.monotonic_ns())

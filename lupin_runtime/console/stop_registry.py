@@ -142,9 +142,9 @@ class StopRegistry:
         stop.moving_ns = now_ns if moving else None
         return is_start
 
-    def is_driving(self, now_ns: int) -> bool:
-        """Return whether any client is driving."""
-        return any(_is_driving(stop, now_ns) for stop in self._clients.values())
+    def is_driving(self, now_ns: int, except_for: Hashable | None = None) -> bool:
+        """Return whether any client is driving, or any but one."""
+        return any(_is_driving(stop, now_ns) for client, stop in self._clients.items() if client is not except_for)
 
     def end_driving(self, now_ns: int) -> bool:
         """Forget the velocities of all clients, because control has changed. Return whether a client was driving."""

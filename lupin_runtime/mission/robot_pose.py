@@ -60,7 +60,12 @@ class PolledTransform:
             callback_group=PolledGroup(),
             raw=True,
         )
-        node.subscription(graph.TF_STATIC, lambda message: self._store(message, static=True))
+        self._static = node.subscription(graph.TF_STATIC, lambda message: self._store(message, static=True))
+
+    def close(self) -> None:
+        """End the subscriptions; call it on the executor's thread. Without it they last as long as the node."""
+        for subscription in (self._subscription, self._static):
+            self._node.destroy_subscription(subscription)
 
     def lookup(self) -> tuple[Transform, float] | None:
         """Return `target_from_source` and the seconds since its oldest edge changed; None if an edge is missing."""

@@ -1,10 +1,13 @@
-"""A callback group for subscriptions that are polled by their owner, so that no executor waits for them."""
+"""Subscriptions that are polled by their owner, so that no executor waits for them."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.subscription import Subscription
+
+_MAX_TAKEN = 50  # bounds one call while messages keep arriving
 
 
 class PolledGroup(CallbackGroup):
@@ -20,3 +23,16 @@ class PolledGroup(CallbackGroup):
 
     def ending_execution(self, entity: Any) -> None:
         """Do nothing, as no execution ever begins."""
+
+
+def take_newest(subscription: Subscription) -> Any:
+    """Take what has arrived on a polled subscription; return the newest message or None."""
+    newest = None
+    handle = subscription.handle
+    with handle:
+        for _ in range(_MAX_TAKEN):
+            taken = handle.take_message(subscription.msg_type, False)
+            if taken is None:
+                break
+            newest = taken[0]
+    return newest

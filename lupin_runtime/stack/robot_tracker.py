@@ -18,7 +18,7 @@ from lupin_runtime.geometry import Pose2
 from lupin_runtime.mission.robot_pose import PolledTransform
 from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.node import LupinNode, qos_profile
-from lupin_runtime.ros.polled_subscription import PolledGroup
+from lupin_runtime.ros.polled_subscription import PolledGroup, take_newest
 from lupin_runtime.ros.stamps import stamp_ns
 from lupin_runtime.stack.coarse_map import coarse_map
 
@@ -28,7 +28,6 @@ MAX_TRAIL_POINTS, TRAIL_STEP_M = 300, 0.15
 MAX_PLAN_POINTS, MAX_TAGS = 60, 200
 MAX_STEP_M = 1.0  # in LOOK_PERIOD_S; a larger step is a correction of the pose, not a way
 FACTOR_WINDOW_S = 5.0
-_MAX_TAKEN = 50  # messages of one topic in one look
 
 
 class RobotTracker:
@@ -91,15 +90,7 @@ class RobotTracker:
 
     def _newest(self, topic: graph.Topic) -> Any:
         """Take what has arrived on a topic; return the newest message or None."""
-        subscription, newest = self._subscriptions[topic.name], None
-        handle = subscription.handle
-        with handle:
-            for _ in range(_MAX_TAKEN):
-                taken = handle.take_message(subscription.msg_type, False)
-                if taken is None:
-                    break
-                newest = taken[0]
-        return newest
+        return take_newest(self._subscriptions[topic.name])
 
     def _follow_pose(self, facts: dict[str, Any], now_s: float) -> None:
         found = self._pose.lookup()

@@ -1,0 +1,119 @@
+"""`/_api/voice`: the voice agent of a browser, or of `lupin voice`, calls tools through this WebSocket.
+
+The client sends one JSON object a message:
+
+* `{"turn": {"id", "by", "ended"}}`: the operator begins a turn, by `speech`, `text` or `button`. A speaker's turn is announced
+  when speech begins, with `ended` false, and again when it ends.
+* `{"call": {"id", "name", "arguments"}}`: the model calls a tool.
+* `{"cancel": true}`: the operator interrupts. A burst ends, what was read back is forgotten, and calls that wait are dropped.
+* `{"alive": true}`: a sign of life, for a client that has no other connection.
+
+The server answers `{"result": {"id", "name", "response"}}` for each call, and sends `{"cut_off": reason}` if the agent is cut
+off, `{"state": ...}` when that changes, and `{"error": text}` for a message that it does not understand.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
+from concurrent.futures import Future
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Any
+
+from aiohttp import WSCloseCode, web
+
+from lupin_runtime.console.api_table import SESSION
+from lupin_runtime.console.authority import Session
+from lupin_runtime.console.bridge import Bridge
+from lupin_runtime.console.connection import Connection
+from lupin_runtime.console.robot_watch import RobotWatch
+from lupin_runtime.console.settings import SETTINGS
+from lupin_runtime.console.voice_robot import ChangeLocation
+from lupin_runtime.console.voice_session import VoiceSession
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.voice.envelope import Envelope
+
+MAX_ENVELOPES = 256
+_CLOSE_TIMEOUT_S = 1.0
+_MOVED = b"the voice agent of this browser goes on in another tab"
+_DEFAULTS: dict[str, Any] = {setting.name: setting.default for setting in SETTINGS}
+
+Accept = Callable[[web.Request], AbstractAsyncContextManager[Connection]]
+
+
+class VoiceAgents:
+    """The voice sessions of all browsers, at most one of each. Used on the event loop.
+
+    `settings` returns the settings that were changed.
+    """
+
+    def __init__(
+        self,
+        bridge: Bridge,
+        accept: Accept,
+        note_alive: Callable[[Session], None],
+        settings: Callable[[], Mapping[str, Any]],
+        change_location: ChangeLocation,
+    ) -> None:
+        self._bridge = bridge
+        self._accept = accept
+        self._note_alive = note_alive
+        self._settings: Callable[[], dict[str, Any]] = lambda: {**_DEFAULTS, **settings()}
+        self._change_location = change_location
+        # An envelope outlives its connection: an agent that was cut off is not free again once it has connected again.
+        self._envelopes: dict[Session, Envelope] = {}
+        self._connections: dict[Session, Connection] = {}
+        self._watch: Future[RobotWatch] | None = None  # while any session is open
+        self._users = 0
+
+    async def serve(self, request: web.Request) -> web.StreamResponse:
+        """Serve the WebSocket of a session. Another one of the same session is closed."""
+        session = request[SESSION]
+        async with self._accept(request) as connection:
+            if (replaced := self._connections.get(session)) is not None:
+                await replaced.close(WSCloseCode.POLICY_VIOLATION, _MOVED, _CLOSE_TIMEOUT_S)
+            self._connections[session] = connection
+            try:
+                async with self._watching() as watch:
+                    await self._serve(session, connection, watch)
+            finally:
+                if self._connections.get(session) is connection:
+                    del self._connections[session]
+        return connection.socket
+
+    async def _serve(self, session: Session, connection: Connection, watch: RobotWatch) -> None:
+        envelope = self._envelope(session)
+        agent = VoiceSession(session, self._bridge, envelope, watch, self._settings, self._change_location, connection.put)
+
+        def handle(text: str | bytes) -> None:
+            self._note_alive(session)
+            agent.handle(text)
+
+        try:
+            await connection.serve(handle, lambda: agent.is_overloaded)
+        finally:
+            agent.close()
+
+    def _envelope(self, session: Session) -> Envelope:
+        if session not in self._envelopes and len(self._envelopes) >= MAX_ENVELOPES:
+            del self._envelopes[next(each for each in self._envelopes if each not in self._connections)]
+        return self._envelopes.setdefault(session, Envelope())
+
+    @asynccontextmanager
+    async def _watching(self) -> AsyncIterator[RobotWatch]:
+        """Follow the robot while any session is open."""
+        names = self._settings()
+
+        def create(node: LupinNode) -> RobotWatch:
+            return RobotWatch(node, names)
+
+        self._users += 1
+        try:
+            if self._watch is None:
+                self._watch = self._bridge.run_with_node(create)
+            yield await asyncio.shield(asyncio.wrap_future(self._watch))
+        finally:
+            self._users -= 1
+            if self._users == 0 and self._watch is not None:
+                created, self._watch = self._watch, None
+                self._bridge.run_with_node(lambda _: created.result().close())  # after it was created, on the same thread

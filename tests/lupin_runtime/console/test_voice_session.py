@@ -1,0 +1,235 @@
+"""The order of a voice session's calls: one after the other, and stops before all that waits. The bridge is a recorder."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Future
+from typing import Any, cast
+
+import pytest
+
+from lupin_runtime import graph
+from lupin_runtime.console.authority import Authority, Role, Session
+from lupin_runtime.console.bridge import Bridge
+from lupin_runtime.console.command_era import always_valid
+from lupin_runtime.console.robot_watch import RobotWatch
+from lupin_runtime.console.settings import SETTINGS
+from lupin_runtime.console.voice_session import INTERRUPTED, VoiceSession
+from lupin_runtime.voice.envelope import Envelope
+
+ME = Session("phone-1", Role.OPERATOR)
+
+
+class FakeBridge:
+    """Records what is asked of it. Service calls wait until the test answers them."""
+
+    def __init__(self) -> None:
+        self.authority = Authority(lambda _: None)
+        self.log: list[Any] = []
+        self.recorded: list[tuple[str, str]] = []
+        self.calls: list[tuple[str, Callable[[bool, Any], None]]] = []
+
+    def join(self, _client: Any) -> None:
+        self.log.append("join")
+
+    def leave(self, _client: Any) -> None:
+        self.log.append("leave")
+
+    def record(self, _session: str, what: str, _detail: Any = None, refused: str = "") -> None:
+        self.recorded.append((what, refused))
+
+    def log_request(self, _session: Session, level: str, text: str) -> None:
+        self.log.append((level, text))
+
+    def command_refusal(self) -> Callable[[], str]:
+        return always_valid
+
+    def is_driven_by_others(self, _client: Any) -> bool:
+        return False
+
+    def stops(self) -> list[dict[str, Any]]:
+        return []
+
+    def stop_for(self, session: Session) -> None:
+        self.log.append(f"stop of {session.name}")
+
+    def drive(self, _client: Any, twist: dict[str, dict[str, float]]) -> None:
+        self.log.append(twist["linear"]["x"])
+
+    def publish(self, _client: Any, topic: str, *_: Any, **__: Any) -> None:
+        self.log.append(topic)
+
+    def call_service(self, _client: Any, service: str, _arguments: Any, _timeout_s: float, done: Callable[..., None]) -> None:
+        self.calls.append((service, done))
+
+    def run_with_node(self, function: Callable[[Any], Any]) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_result(function(None))
+        return future
+
+
+class Rig:
+    """A voice session in its first turn, and what it has sent."""
+
+    def __init__(self) -> None:
+        self.bridge = FakeBridge()
+        self.sent: list[dict[str, Any]] = []
+        self.session = VoiceSession(
+            ME,
+            cast(Bridge, self.bridge),
+            Envelope(),
+            cast(RobotWatch, None),
+            lambda: {setting.name: setting.default for setting in SETTINGS},
+            self._change_location,
+            lambda frame: self.sent.append(json.loads(frame.data)),
+        )
+        self.send(turn={"id": "1", "by": "text"})
+
+    async def _change_location(self, session: Session, name: str, pose: dict[str, float]) -> None:
+        self.bridge.log.append((session.name, name, pose))
+
+    def send(self, **message: Any) -> None:
+        self.session.handle(json.dumps(message))
+
+    def call(self, identifier: str, tool: str, /, **arguments: Any) -> None:
+        self.send(call={"id": identifier, "name": tool, "arguments": arguments})
+
+    def responses(self) -> dict[str, dict[str, Any]]:
+        results = [message["result"] for message in self.sent if "result" in message]
+        return {result["id"]: result["response"] for result in results}
+
+
+def run(test: Callable[[Rig], Awaitable[None]]) -> Rig:
+    async def main() -> Rig:
+        rig = Rig()
+        await test(rig)
+        return rig
+
+    return asyncio.run(main())
+
+
+async def settle() -> None:
+    """Let everything run that does not wait for an answer."""
+    for _ in range(20):
+        await asyncio.sleep(0)
+
+
+def test_calls_are_carried_out_one_after_the_other() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "set_light", color="red")
+        rig.call("b", "arm_save_pose", name="wave")
+        await settle()
+        assert [name for name, _ in rig.bridge.calls] == [graph.LEDS_SET.name]
+        rig.bridge.calls[0][1](True, {"status": True})
+        await settle()
+        assert [name for name, _ in rig.bridge.calls] == [graph.LEDS_SET.name, graph.ARM_LIBRARY_SAVE_POSE.name]
+        assert list(rig.responses()) == ["a"] and rig.responses()["a"]["ok"]
+
+    run(test)
+
+
+@pytest.mark.parametrize("stop", ["stop", "engage_estop", "nav_cancel", "arm_stop", "cancel"])
+def test_stop_drops_the_commands_that_wait(stop: str) -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "set_light", color="red")
+        rig.call("b", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        if stop == "cancel":
+            rig.send(cancel=True)
+        else:
+            rig.call("c", stop)
+        await settle()
+        rig.bridge.calls[0][1](True, {"status": True})  # the answer that comes too late
+        await settle()
+
+    rig = run(test)
+    responses = rig.responses()
+    assert responses["a"] == responses["b"] == {"ok": False, "error": INTERRUPTED}
+    assert 0.2 not in rig.bridge.log
+    assert [what for what, refused in rig.bridge.recorded if refused == INTERRUPTED]
+
+
+def test_stop_does_not_drop_what_only_reads() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "arm_list_library")
+        await settle()
+        rig.call("b", "stop")
+        await settle()
+        rig.bridge.calls[0][1](True, {"json": '{"poses": [], "sequences": []}'})
+        await settle()
+        assert rig.responses()["a"] == {"ok": True, "poses": [], "sequences": []}
+
+    run(test)
+
+
+def test_stop_is_carried_out_while_another_call_waits() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "arm_list_library")
+        rig.call("b", "engage_estop")
+        await settle()
+        assert rig.responses() == {"b": {"ok": True, "action": "engage_estop", "reason": "voice-agent"}}
+        assert "stop of voice agent of phone-1" in rig.bridge.log
+
+    run(test)
+
+
+def test_closed_session_ends_its_burst_before_it_leaves() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        rig.session.close()
+        assert rig.bridge.log == ["join", 0.0, 0.2, 0.0, "leave"]
+
+    run(test)
+
+
+def test_cut_off_ends_the_burst() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        for number in range(30):
+            rig.call(f"b{number}", "rotate", angle_deg=number)
+        assert rig.bridge.log[-1] == 0.0
+        assert len([message for message in rig.sent if "cut_off" in message]) == 1
+
+    run(test)
+
+
+def test_failure_of_the_console_is_a_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise KeyError("a defect")
+
+    async def test(rig: Rig) -> None:
+        monkeypatch.setattr(rig.bridge, "publish", fail)
+        rig.call("a", "nav_goto", x=1, y=1)
+        await settle()
+        token = rig.responses()["a"]["confirmation"]
+        rig.send(turn={"id": "2", "by": "button"})
+        rig.call("b", "nav_goto", x=1, y=1, confirmation=token)
+        await settle()
+        assert rig.responses()["b"] == {"ok": False, "error": "the console failed; see its log"}
+        assert "KeyError" in rig.bridge.log[-1][1]
+
+    run(test)
+
+
+def test_state_is_sent_only_when_it_changes() -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(alive=True)
+        rig.send(turn={"id": "2", "by": "speech", "ended": False})
+        rig.send(turn={"id": "2", "by": "speech"})
+        states = [message["state"] for message in rig.sent if "state" in message]
+        assert [(state["turn"], state["is_speaking"]) for state in states] == [(0, False), (1, False), (2, True), (2, False)]
+
+    run(test)
+
+
+@pytest.mark.parametrize("text", ["", "nan", "[]", '{"call": {"id": ""}}', '{"call": {"id": "a\\n"}}', "[" * 9999, b"\xff"])
+def test_malformed_message_is_answered(text: Any) -> None:
+    async def test(rig: Rig) -> None:
+        rig.session.handle(text)
+        assert "error" in rig.sent[-1]
+
+    run(test)
