@@ -105,6 +105,11 @@ def test_speed_cap_scales_the_limits_of_the_session(session: Session) -> None:
     assert session.approved("drive", {"linear_x": 1, "angular_z": 1, "duration_s": 1}).items() >= {"linear_x": 0.0}.items()
 
 
+def test_limits_of_a_burst_do_not_apply_to_navigation(session: Session) -> None:
+    session.approved("set_speed_cap", {"value": 0.1})
+    assert session.confirmed("nav_forward", {"forward_m": 20.0})["forward_m"] == 20.0
+
+
 @given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(0.0, 0.6), st.floats(0.0, 1.9))
 def test_no_velocity_exceeds_the_limits(x: float, y: float, turn: float, linear: float, angular: float) -> None:
     limited = limit_velocity({"linear_x": x, "linear_y": y, "angular_z": turn}, linear, angular)
