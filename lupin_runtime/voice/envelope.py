@@ -39,8 +39,9 @@ LATE_CONFIRMATION = f"the confirmation did not come in the next turn within {CON
 class Situation:
     """What the envelope must know of the moment. `now_ns` is monotonic.
 
-    `estop` are the reasons of an engaged e-stop, `control_refusal` why this session may not command (empty if it may), and
-    `outdated` returns, later, why a command of now must not be carried out any more. Speeds are the settings' maximum.
+    `estop` are the reasons of an engaged e-stop. `control_refusal` is why this session may not command, and `outdated` why a
+    command that arrived with the call must not be carried out any more; empty if they do not apply. `become_outdated` returns,
+    later, the latter for a command of now. Speeds are the settings' maximum.
     """
 
     now_ns: int
@@ -49,7 +50,8 @@ class Situation:
     max_linear_mps: float = 0.0
     max_angular_rps: float = 0.0
     has_pose: bool = False
-    outdated: Callable[[], str] = str
+    outdated: str = ""
+    become_outdated: Callable[[], str] = str
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ class Envelope:
         if tool.is_blocked_by_estop(call.arguments) and situation.estop:
             reasons = {"blocked": True, "reasons": quote_all(situation.estop)}
             return self._refuse(call.key, {**_failure(ESTOPPED), **reasons})
-        if tool.needs_control and (problem := self._turn_problem(call) or situation.control_refusal):
+        problem = self._turn_problem(call) or situation.outdated or situation.control_refusal
+        if tool.needs_control and problem:
             return self._refuse(call.key, _failure(problem))
         if tool.needs_pose and not situation.has_pose:
             return self._refuse(call.key, _failure(NO_POSE))
@@ -162,7 +165,9 @@ class Envelope:
         """Return the read-back of a call that is not confirmed, or why its confirmation is refused; None if it is confirmed."""
         if call.confirmation is None:
             token = secrets.token_hex(4)
-            self._read_back = _ReadBack(token, call.tool, call.arguments, call.turn, situation.now_ns, situation.outdated)
+            self._read_back = _ReadBack(
+                token, call.tool, call.arguments, call.turn, situation.now_ns, situation.become_outdated
+            )
             return Rejected({"ok": False, "confirm": sentence, CONFIRMATION.name: token, "note": READ_BACK})
         read_back = self._read_back
         if read_back is None or not secrets.compare_digest(read_back.token.encode(), call.confirmation.encode()):

@@ -61,7 +61,7 @@ class Robot(Protocol):
     async def send_goal(self, goal: Pose2) -> None:
         """Send the robot to a pose on the map."""
 
-    def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
+    async def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
         """Drive with a velocity in m/s and rad/s that ends by itself. It replaces an earlier burst."""
 
     def stop_wheels(self) -> None:
@@ -126,7 +126,7 @@ class Executor:
         applied = {name: arguments[name] for name in ("linear_x", "linear_y", "angular_z")}
         sign = self._sign  # turns the axes by 180 degrees, as for the page's sticks; the turn rate stays
         x, y, turn = sign * applied["linear_x"], sign * applied["linear_y"], applied["angular_z"]
-        self._robot.start_burst(x, y, turn, arguments["duration_s"])
+        await self._robot.start_burst(x, y, turn, arguments["duration_s"])
         return {"ok": True, "action": "drive", **applied, "duration_s": arguments["duration_s"]}
 
     async def _stop(self, _: Values) -> Result:

@@ -213,11 +213,18 @@ def test_confirmation_counts_only_in_the_next_turn(session: Session) -> None:
 
 def test_confirmation_is_outdated_by_a_stop_meanwhile(session: Session) -> None:
     outdated: list[str] = []
-    session.set(outdated=lambda: "".join(outdated))
+    session.set(become_outdated=lambda: "".join(outdated))
     second = session.read_back("nav_goto", GOAL)
     outdated.append("the robot was stopped")
     session.turn()
     assert session.refusal("nav_goto", second)["error"] == "the robot was stopped"
+
+
+def test_call_that_waited_over_a_stop_is_refused(session: Session) -> None:
+    session.set(outdated="the robot was stopped since")
+    assert session.refusal("drive", BURST)["error"] == "the robot was stopped since"
+    assert session.approved("query_state")
+    assert session.approved("stop") == {}
 
 
 def test_cancel_forgets_what_was_read_back(session: Session) -> None:

@@ -54,7 +54,7 @@ class FakeRobot:
     async def send_goal(self, goal: Pose2) -> None:
         self.done.append(goal)
 
-    def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
+    async def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
         self.done.append(("burst", linear_x, linear_y, angular_z, duration_s))
 
     def stop_wheels(self) -> None:
