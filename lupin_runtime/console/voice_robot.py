@@ -82,6 +82,11 @@ class ConsoleRobot:
         self._bridge.log_request(self.session, level, text)
 
     # -- what the envelope must know ------------------------------------------------------------------------------------
+    def take_control(self) -> None:
+        """Take control if it is free, before calls that arrive together wait for each other: they must not outdate each other."""
+        with contextlib.suppress(Refused):  # it is named when the call is judged
+            self._bridge.authority.take(self.session, time.monotonic_ns())
+
     def command_refusal(self) -> Refusal:
         """Return what a call that arrives now must ask before it is carried out."""
         return self._bridge.command_refusal()

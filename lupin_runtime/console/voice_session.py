@@ -111,6 +111,8 @@ class VoiceSession:
         else:
             if call.tool.effect is Effect.STOP:
                 self._interrupt()
+            elif call.tool.needs_control and self._envelope.turns.is_answerable:
+                self._robot.take_control()
             self._start(identifier, call, values)
         self.push_state()
 

@@ -27,11 +27,15 @@ class FakeBridge:
 
     def __init__(self) -> None:
         self.authority = Authority(lambda _: None)
+        self.authority.on_change(self._note_control)
         self.log: list[Any] = []
         self.recorded: list[tuple[str, str]] = []
         self.calls: list[tuple[str, Callable[[bool, Any], None]]] = []
         self.era = 0  # counts stops, releases and changes of control
         self.unheard: set[str] = set()  # topics without a subscriber
+
+    def _note_control(self) -> None:
+        self.era += 1
 
     def join(self, _client: Any) -> None:
         self.log.append("join")
@@ -168,6 +172,28 @@ def test_command_that_waited_over_a_release_is_refused() -> None:
         await settle()
         assert rig.responses()["b"] == {"ok": False, "error": OUTDATED}
         assert 0.2 not in rig.bridge.log
+
+    run(test)
+
+
+def test_calls_that_arrive_together_do_not_outdate_each_other() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        rig.call("b", "set_light", color="red")
+        await settle()
+        rig.bridge.calls[0][1](True, {"status": True})
+        await settle()
+        assert rig.responses()["a"]["ok"] and rig.responses()["b"]["ok"]
+
+    run(test)
+
+
+def test_call_before_the_end_of_a_turn_takes_no_control() -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(turn={"id": "2", "by": "speech", "ended": False})
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        assert not rig.responses()["a"]["ok"] and rig.bridge.authority.lease(0).holder is None
 
     run(test)
 
