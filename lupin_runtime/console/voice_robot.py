@@ -83,7 +83,7 @@ class ConsoleRobot:
 
     # -- what the envelope must know ------------------------------------------------------------------------------------
     def take_control(self) -> None:
-        """Take control if it is free, before calls that arrive together wait for each other: they must not outdate each other."""
+        """Take control if it is free: when one of several calls took it later, it would outdate the others."""
         with contextlib.suppress(Refused):  # it is named when the call is judged
             self._bridge.authority.take(self.session, time.monotonic_ns())
 
