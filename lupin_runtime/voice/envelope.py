@@ -18,6 +18,7 @@ from lupin_runtime.voice.turns import Turns
 from lupin_runtime.voice.untrusted import quote_all
 
 CONFIRM_WITHIN_S = 30.0
+BURSTS_S = 10.0  # how long an agent may drive in one turn, in bursts that nobody confirms
 
 # Reasons of refusals.
 CUT_OFF = "cut off for this turn: {reason}"
@@ -27,6 +28,7 @@ IS_SPEAKING = "the operator is speaking; wait for the end"
 ESTOPPED = "the e-stop is engaged; do not try again before the operator has released it"
 SAME_TURN = "{action} must not follow start in the same turn; wait for the operator"
 NO_UTTERANCE = "commit needs an utterance of the operator after the start, such as: I have posed the arm"
+TOO_LONG = f"the bursts of one turn may last {BURSTS_S:g} s; use nav_forward, or wait for the operator"
 NO_POSE = "the robot's pose on the map is not known"
 READ_BACK = "read this back to the operator; if they agree, call it again in their next turn with this confirmation"
 NOT_CONFIRMED = "the operator has not answered yet; wait for their next turn"
@@ -95,6 +97,7 @@ class Envelope:
         self.turns = Turns()
         self.speed_cap = 1.0  # share of the settings' maximum
         self._read_back: _ReadBack | None = None
+        self._driven_s = (0, 0.0)  # the turn of the last burst, and how long those of this turn last
         self._started: dict[str, int] = {}  # by tool: the turn in which its action `start` was last carried out
 
     def cancel(self) -> None:
@@ -135,6 +138,8 @@ class Envelope:
             return self._refuse(call.key, _failure(problem))
         if tool.needs_pose and not situation.has_pose:
             return self._refuse(call.key, _failure(NO_POSE))
+        if tool.name == "drive" and self._burst_time_s(call) > BURSTS_S:
+            return self._refuse(call.key, _failure(TOO_LONG))
         if (sentence := tool.sentence(call.arguments)) and (pending := self._check_confirmation(call, sentence, situation)):
             return pending
         return self._approve(call, situation)
@@ -184,11 +189,17 @@ class Envelope:
             return self._refuse(call.key, _failure(problem))
         return None
 
+    def _burst_time_s(self, call: Call) -> float:
+        """Return how long all bursts of a call's turn last, with this one."""
+        turn, driven_s = self._driven_s
+        return float(call.arguments["duration_s"]) + (driven_s if turn == call.turn else 0.0)
+
     def _approve(self, call: Call, situation: Situation) -> dict[str, Any]:
         arguments = dict(call.arguments)
         if call.tool.name == "set_speed_cap":
             self.speed_cap = arguments["value"]
         elif call.tool.name == "drive":
+            self._driven_s = call.turn, self._burst_time_s(call)
             arguments |= limit_velocity(arguments, *self.limits(situation))
         elif arguments.get("action") == "start":
             self._started[call.tool.name] = call.turn

@@ -105,6 +105,14 @@ def test_speed_cap_scales_the_limits_of_the_session(session: Session) -> None:
     assert session.approved("drive", {"linear_x": 1, "angular_z": 1, "duration_s": 1}).items() >= {"linear_x": 0.0}.items()
 
 
+def test_bursts_of_one_turn_are_bounded_together(session: Session) -> None:
+    for number in range(5):
+        session.approved("drive", {"angular_z": 0.1 * number, "duration_s": 2})
+    assert session.refusal("drive", {"angular_z": 0.7, "duration_s": 0.1})["error"] == envelope.TOO_LONG
+    session.turn()
+    session.approved("drive", {"angular_z": 0.7, "duration_s": 0.1})
+
+
 def test_limits_of_a_burst_do_not_apply_to_navigation(session: Session) -> None:
     session.approved("set_speed_cap", {"value": 0.1})
     assert session.confirmed("nav_forward", {"forward_m": 20.0})["forward_m"] == 20.0
