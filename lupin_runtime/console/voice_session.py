@@ -145,6 +145,11 @@ class VoiceSession:
             return
         async with self._order:
             verdict = self._envelope.judge(call, await self._robot.situation(call.tool, arrived))
+            if isinstance(verdict, Rejected) and verdict.is_read_back:
+                unknown = await self._executor.find_unknown_name(name, call.arguments)
+                if unknown is not None:
+                    self._envelope.cancel()
+                    verdict = Rejected(unknown)
             if isinstance(verdict, Rejected):
                 self._reject(identifier, name, values, verdict)
             else:

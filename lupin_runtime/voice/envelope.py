@@ -75,6 +75,11 @@ class Rejected:
     cut_off: str = ""
 
     @property
+    def is_read_back(self) -> bool:
+        """Whether the operator must confirm it."""
+        return "confirm" in self.result
+
+    @property
     def reason(self) -> str:
         """Why it is not carried out, in words."""
         return str(self.result.get("error") or f"read back: {self.result.get('confirm')}")
@@ -101,7 +106,7 @@ class Envelope:
         self._started: dict[str, int] = {}  # by tool: the turn in which its action `start` was last carried out
 
     def cancel(self) -> None:
-        """Forget what was read back: the operator has said no, or interrupts."""
+        """Forget what was read back: the operator has said no or interrupts, or nothing can be confirmed."""
         self._read_back = None
 
     def admit(self, name: Any, values: Any) -> Call | Rejected:

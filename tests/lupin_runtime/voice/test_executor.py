@@ -140,6 +140,19 @@ def test_unknown_location_lists_the_names(robot: FakeRobot) -> None:
 
 
 @pytest.mark.parametrize(
+    ("tool", "name", "is_known"),
+    [("nav_goto_named", "ROW 3", True), ("nav_goto_named", "moon", False), ("arm_goto_pose", "Home", True),
+     ("arm_goto_pose", "Wave", True), ("arm_goto_pose", "hello", False), ("arm_run_sequence", "hello", True),
+     ("arm_run_sequence", "wave", False), ("arm_preset", "home", True)],
+)  # fmt: skip
+def test_unknown_name_is_found_before_it_is_read_back(robot: FakeRobot, tool: str, name: str, is_known: bool) -> None:
+    found = asyncio.run(Executor(robot).find_unknown_name(tool, {"name": name}))
+    assert (found is None) is is_known and (found is None or found["ok"] is False)
+    robot.answers[graph.ARM_LIBRARY_LIST.name] = {"json": "damaged"}
+    assert asyncio.run(Executor(robot).find_unknown_name("arm_goto_pose", {"name": "wave"})) is None
+
+
+@pytest.mark.parametrize(
     ("arguments", "percent", "angle_deg"),
     [({"action": "open"}, 100.0, -30.0), ({"action": "close"}, 0.0, 30.0), ({"action": "set", "percent": 25}, 25.0, 15.0),
      ({"action": "open", "percent": 10}, 100.0, -30.0)],
