@@ -110,6 +110,7 @@ class VoiceSession:
             self._reject(identifier, name, values, call)
         else:
             if call.tool.effect is Effect.STOP:
+                self._envelope.cancel()
                 self._interrupt()
             elif call.tool.needs_control and self._envelope.turns.is_answerable:
                 self._robot.take_control()

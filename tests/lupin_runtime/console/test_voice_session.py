@@ -210,6 +210,19 @@ def test_burst_ends_when_the_robot_is_stopped() -> None:
     run(test)
 
 
+def test_stop_forgets_what_was_read_back() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "nav_goto", x=1, y=1)
+        await settle()
+        rig.send(turn={"id": "2", "by": "speech"})
+        rig.call("b", "stop")
+        rig.call("c", "nav_goto", x=1, y=1, confirmation=rig.responses()["a"]["confirmation"])
+        await settle()
+        assert not rig.responses()["c"]["ok"] and graph.GOAL_POSE.name not in rig.bridge.log
+
+    run(test)
+
+
 def test_stop_does_not_drop_what_only_reads() -> None:
     async def test(rig: Rig) -> None:
         rig.call("a", "arm_list_library")
