@@ -24,13 +24,13 @@ import numpy as np
 from lupin_runtime import graph
 from lupin_runtime.arm import limits
 from lupin_runtime.arm.presets import PRESET_DURATION_S, PRESETS
-from lupin_runtime.console import interfaces
 from lupin_runtime.console.authority import LEASE_TIMEOUT_S, REQUEST_TIMEOUT_S, Role
 from lupin_runtime.console.robot_sentences import SENTENCES
 from lupin_runtime.console.settings import OLDEST_VERSION, VERSION, describe_settings
 from lupin_runtime.drive.arbiter import INPUTS
 from lupin_runtime.drive.twist import HardLimits
 from lupin_runtime.lights import palette
+from lupin_runtime.ros import type_names
 from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, SOON_THRESHOLD
 from lupin_runtime.twin.health import IDEAL_RANGES, MAX_DEVIATION, OFF_RANGE, STATES
 from lupin_runtime.voice.declarations import function_declarations
@@ -69,10 +69,10 @@ _ARRAY = re.compile(r"(?:sequence<(?P<sequence>.+?)(?:, \d+)?>|(?P<array>.+)\[\d
 # -- messages.ts ------------------------------------------------------------------------------------------------------
 def messages_module() -> str:
     """Interfaces of messages, of requests and responses, and the maps from their names."""
-    services = [(row.type, interfaces.find(row.type, "srv")) for row in (*graph.services(), *EXTRA_SERVICES.values())]
-    goals = [(row.type, interfaces.find(row.type, "action")) for row in graph.actions()]
+    services = [(row.type, type_names.find(row.type, "srv")) for row in (*graph.services(), *EXTRA_SERVICES.values())]
+    goals = [(row.type, type_names.find(row.type, "action")) for row in graph.actions()]
     names = {row.type for row in graph.topics()} | set(EXTRA_MESSAGES)
-    roots = [interfaces.find(name, "msg") for name in sorted(names)]
+    roots = [type_names.find(name, "msg") for name in sorted(names)]
     parts = [part for _, service in services for part in (service.Request, service.Response)]
     parts += [part for _, action in goals for part in (action.Goal, action.Result, action.Feedback)]
     blocks = [_interface(kind) for kind in _with_dependencies([*roots, *parts])]
@@ -82,7 +82,7 @@ def messages_module() -> str:
         HEADER
         + "// Messages as the console's server sends them in CBOR: arrays of numbers are typed arrays, NaN is NaN.\n"
         + "".join(blocks)
-        + _block("interface MessageTypes", (f'"{name}": {_type_name(interfaces.find(name, "msg"))};' for name in sorted(names)))
+        + _block("interface MessageTypes", (f'"{name}": {_type_name(type_names.find(name, "msg"))};' for name in sorted(names)))
         + _block("interface ServiceTypes", (f'"{n}": {{ request: {q}; response: {a} }};' for n, q, a in calls))
         + _block("interface ActionTypes", (f'"{n}": {{ goal: {g}; result: {r}; feedback: {f} }};' for n, g, r, f in actions))
     )
@@ -99,7 +99,7 @@ def _with_dependencies(roots: list[Any]) -> list[Any]:
         found[name] = kind
         for field in kind.get_fields_and_field_types().values():
             if "/" in (element := _element(field)[0]):
-                waiting.append(interfaces.find(element, "msg"))
+                waiting.append(type_names.find(element, "msg"))
     return [found[name] for name in sorted(found)]
 
 
@@ -134,7 +134,7 @@ def _field_type(field: str) -> str:
     if is_array and element in _TYPED_ARRAYS:
         return _TYPED_ARRAYS[element]
     if "/" in element:
-        name = _type_name(interfaces.find(element, "msg"))
+        name = _type_name(type_names.find(element, "msg"))
     elif element == "boolean":
         name = "boolean"
     elif element.startswith(("string", "wstring")):
@@ -158,7 +158,7 @@ def graph_module() -> str:
         name: {"name": row.name, "type": row.type, "console": graph.BY_VIEWER, "moves": False}
         for name, row in EXTRA_SERVICES.items()
     }
-    actions = {name: {**_request(row), "name": interfaces.absolute(row.name)} for name, row in _named(graph.Action)}
+    actions = {name: {**_request(row), "name": type_names.absolute(row.name)} for name, row in _named(graph.Action)}
     angles = {joint: graph.arm_joint_angle(joint) for joint in graph.ARM_JOINTS} | {graph.GRIPPER_JOINT: graph.GRIPPER_ANGLE}
     joint_services = {joint: _request(row) for joint, row in angles.items()}
     joints = {

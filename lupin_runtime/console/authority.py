@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from lupin_runtime import graph
 from lupin_runtime.console.console_events import ConsoleEvent, EventKind
-from lupin_runtime.console.interfaces import absolute
+from lupin_runtime.ros.type_names import absolute
 
 LEASE_TIMEOUT_S = 5.0  # a holder that has been silent for this long loses the operator lease
 REQUEST_TIMEOUT_S = 10.0  # a request for control that the holder has not answered after this time counts as refused

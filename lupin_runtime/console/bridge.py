@@ -29,7 +29,6 @@ from lupin_runtime.console.authority import Authority, Refused, Session
 from lupin_runtime.console.command_era import CommandEra, Refusal, always_valid
 from lupin_runtime.console.estop_reasons import OF_CONSOLES, EstopReasons
 from lupin_runtime.console.goals import ActionClientPool, GoalSender
-from lupin_runtime.console.interfaces import absolute
 from lupin_runtime.console.motion_watch import MotionWatch
 from lupin_runtime.console.providers import ActionProvider, ServiceProvider
 from lupin_runtime.console.publisher_pool import PublisherPool
@@ -41,6 +40,7 @@ from lupin_runtime.console.subscription import Request
 from lupin_runtime.console.topic_hub import Receiver, TopicHub
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.ros_thread import RosThread
+from lupin_runtime.ros.type_names import absolute
 
 STOP_PERIOD_S = 0.5
 _UPKEEP_S = 0.5

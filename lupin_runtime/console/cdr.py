@@ -12,7 +12,6 @@ from __future__ import annotations
 import base64
 import enum
 import functools
-import importlib
 import struct
 from collections.abc import Callable
 from typing import Any
@@ -28,6 +27,8 @@ from rosidl_parser.definition import (
     BoundedSequence,
     NamespacedType,
 )
+
+from lupin_runtime.ros.type_names import message_class_of
 
 HEADER_BYTES = 4
 
@@ -282,11 +283,3 @@ class _Source:
             expression = native if self._form is Format.JSON else f"_tag({tag}, {native}.tobytes())"
         self._line(f"{value} = {expression}")
         return value
-
-
-def message_class_of(kind: NamespacedType) -> Any:
-    """Return the Python class of a nested message type."""
-    module = importlib.import_module(".".join(kind.namespaces))
-    # The module has no names for the parts of an action: `Fibonacci_Goal` is `Fibonacci.Goal`.
-    owner, _, part = kind.name.rpartition("_")
-    return getattr(module, kind.name) if hasattr(module, kind.name) else getattr(getattr(module, owner), part)

@@ -22,9 +22,9 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.validate_topic_name import validate_topic_name
 
-from lupin_runtime.console import interfaces
 from lupin_runtime.console.cdr import Format, decoder
 from lupin_runtime.console.values import Now, fill
+from lupin_runtime.ros import type_names
 
 ANSWER_TIMEOUT_S = 60.0  # a service request that the client has not answered after this time gets an empty response
 MAX_ADVERTISED = 100  # services, and as many actions, that one client may offer
@@ -47,13 +47,13 @@ def request_errors() -> Iterator[None]:
         yield
     except NameValidationException as error:
         raise RequestFailed(" ".join(str(error).split("\n")[:2])) from error  # without the line that marks the character
-    except (interfaces.UnknownType, ValueError) as error:
+    except (type_names.UnknownType, ValueError) as error:
         raise RequestFailed(str(error)) from error
 
 
 def find_interface(type_name: str, kind: str, *parts: str) -> Any:
     """Return the class of a client's type. Raises UnknownType, or UnsupportedType if clients cannot be sent one of `parts`."""
-    found: Any = interfaces.find(type_name, kind)
+    found: Any = type_names.find(type_name, kind)
     for part in parts:
         decoder(getattr(found, part), Format.JSON)
     return found

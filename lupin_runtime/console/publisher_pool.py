@@ -11,8 +11,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from lupin_runtime import graph
-from lupin_runtime.console import interfaces
 from lupin_runtime.console.topic_hub import TopicFailed, topic_type, type_conflict
+from lupin_runtime.ros import type_names
 from lupin_runtime.ros.node import qos_profile
 
 # A reloaded page advertises the same topics within seconds; a new publisher would lose its first messages during discovery.
@@ -64,14 +64,14 @@ class PublisherPool:
         return shared.message_class, shared.publisher
 
     def _shared(self, client: Hashable, name: str, type_name: str | None, latch: bool, queue_size: int) -> _Shared:
-        topic = interfaces.absolute(name)
+        topic = type_names.absolute(name)
         shared = self._topics.get(topic)
         if (shared is None or client not in shared.users) and self._count(client) >= MAX_TOPICS:
             raise TopicFailed(f"{name}: a client may publish on {MAX_TOPICS} topics; unadvertise others first")
         if shared is None:
             shared = self._topics[topic] = self._open(topic, name, type_name, latch, queue_size)
-        elif type_name is not None and interfaces.full_name(type_name, "msg") != shared.type_name:
-            raise TopicFailed(type_conflict(name, interfaces.full_name(type_name, "msg"), shared.type_name))
+        elif type_name is not None and type_names.full_name(type_name, "msg") != shared.type_name:
+            raise TopicFailed(type_conflict(name, type_names.full_name(type_name, "msg"), shared.type_name))
         shared.users.setdefault(client, set())
         return shared
 
@@ -80,7 +80,7 @@ class PublisherPool:
 
     def unadvertise(self, client: Hashable, name: str, identifier: Hashable | None) -> None:
         """Remove a client's advertisement with this id, or all of its advertisements of the topic if the id is None."""
-        shared = self._topics.get(interfaces.absolute(name))
+        shared = self._topics.get(type_names.absolute(name))
         if shared is None or client not in shared.users:
             return
         identifiers = shared.users[client]
@@ -107,15 +107,15 @@ class PublisherPool:
         known = topic_type(self._node, topic)
         if type_name is None and known is None:
             raise TopicFailed(f"Cannot infer topic type for topic {name} as it is not yet advertised")
-        requested = interfaces.full_name(type_name, "msg") if type_name is not None else str(known)
+        requested = type_names.full_name(type_name, "msg") if type_name is not None else str(known)
         if known is not None and known != requested:
             raise TopicFailed(type_conflict(name, requested, known))
         row = graph.topic(topic)
         qos = row.qos if row is not None else graph.Qos(reliable=True, latched=latch, depth=1 if latch else queue_size)
         try:
-            message_class = interfaces.find(requested, "msg")
+            message_class = type_names.find(requested, "msg")
             publisher = self._node.create_publisher(message_class, topic, qos_profile(qos))
-        except interfaces.UnknownType as error:
+        except type_names.UnknownType as error:
             raise TopicFailed(str(error)) from error
         except Exception as error:  # rclpy raises a different class for each fault of a name
             raise TopicFailed(f"{topic}: {error}") from error

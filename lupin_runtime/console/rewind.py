@@ -13,11 +13,11 @@ from aiohttp import web
 from lupin_runtime import graph
 from lupin_runtime.console.api_table import Resource
 from lupin_runtime.console.cdr import Format, MalformedMessage, UnsupportedType, decoder
-from lupin_runtime.console.interfaces import UnknownType, find
 from lupin_runtime.console.run_files import chosen_run
 from lupin_runtime.record.reader import NotARecording, RawMessage
 from lupin_runtime.record.runs import recorded_run
 from lupin_runtime.record.window import IndexedRecording, read_window
+from lupin_runtime.ros.type_names import UnknownType, find
 from lupin_runtime.stack.runs import Run
 
 MAX_WINDOW_S = 30.0

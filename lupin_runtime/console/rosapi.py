@@ -14,10 +14,10 @@ from typing import Any
 from rclpy.action import get_action_names_and_types
 from rclpy.node import Node, NodeNameNonExistentError
 
-from lupin_runtime.console import interfaces
 from lupin_runtime.console.rosapi_parameters import Done, RosApiParameters, served_services
 from lupin_runtime.console.type_definitions import full_text, type_definitions
 from lupin_runtime.record.definitions import share_folders
+from lupin_runtime.ros import type_names
 
 PREFIX = "/rosapi/"
 
@@ -237,8 +237,8 @@ def _of_node(node: str, query: Callable[[str, str], _NamesAndTypes]) -> dict[str
 def _details(kind: str, part: str | None, type_name: str) -> Response:
     """Return the definitions of a message type, or of a part of a service or action type; empty for an unknown type."""
     try:
-        found = interfaces.find(type_name, kind)
-    except interfaces.UnknownType:
+        found = type_names.find(type_name, kind)
+    except type_names.UnknownType:
         return {"typedefs": []}
     message_class = getattr(found, part, None) if part else found
     # A module named `action` may also contain other classes, as rclpy's does.

@@ -19,13 +19,13 @@ from lupin_runtime.console.authority import READ_ONLY_PREFIX, Refused, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.encoding import COMPRESSIONS, fragments, json_frame, to_json
 from lupin_runtime.console.fragments import BadFragment, Defragmenter
-from lupin_runtime.console.interfaces import absolute, full_name
 from lupin_runtime.console.map_names import BadMapName, with_map_path
 from lupin_runtime.console.outbox import Frame
 from lupin_runtime.console.short_text import short_repr
 from lupin_runtime.console.stop_registry import press_name
 from lupin_runtime.console.subscription import Request
 from lupin_runtime.console.topic_hub import type_conflict
+from lupin_runtime.ros.type_names import absolute, full_name
 
 MAX_QUEUE = 1000
 LEVELS = ("none", "error", "warning", "info")

@@ -14,9 +14,10 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
-from lupin_runtime.console import interfaces, values
+from lupin_runtime.console import values
 from lupin_runtime.console.cdr import Format, UnsupportedType, decoder
 from lupin_runtime.console.command_era import Refusal, always_valid
+from lupin_runtime.ros import type_names
 
 DISCOVERY_TIMEOUT_S = 1.0  # for the wait until the graph lists a service
 TIMEOUT_S = 5.0
@@ -85,8 +86,8 @@ class ServiceCalls:
         if key in self._clients:
             return True
         try:
-            service_class = interfaces.find(key[1], "srv")
-        except interfaces.UnknownType:
+            service_class = type_names.find(key[1], "srv")
+        except type_names.UnknownType:
             return False
         if len(self._clients) >= MAX_CLIENTS:
             self._forget(list(self._clients)[: len(self._clients) - MAX_CLIENTS + 1])

@@ -14,11 +14,11 @@ from typing import Any, Protocol
 from rclpy.node import Node
 
 from lupin_runtime import graph
-from lupin_runtime.console import interfaces
 from lupin_runtime.console.cdr import MalformedMessage, UnsupportedType
 from lupin_runtime.console.encoding import publication
 from lupin_runtime.console.outbox import SAMPLES_PER_TOPIC, Frame
 from lupin_runtime.console.subscription import ClientSubscription, Request
+from lupin_runtime.ros import type_names
 from lupin_runtime.ros.raw_subscription import QUEUE_DEPTH, RawSubscription
 
 MAX_TOPICS = 300  # that one client may subscribe to
@@ -67,7 +67,7 @@ class TopicHub:
     # -- clients ------------------------------------------------------------------------------------------------------
     def subscribe(self, receiver: Receiver, name: str, type_name: str | None, identifier: Hashable, request: Request) -> None:
         """Add a client's request for a topic; without `type_name`, the type is the graph's. Raises TopicFailed."""
-        topic, key = interfaces.absolute(name), (receiver, name)
+        topic, key = type_names.absolute(name), (receiver, name)
         stream = self._streams.get(topic)
         merged = stream.receivers.get(key) if stream is not None else None
         if merged is None and self._counts[receiver] >= MAX_TOPICS:
@@ -76,8 +76,8 @@ class TopicHub:
             raise TopicFailed(f"{name}: a client may have {MAX_REQUESTS} subscriptions to one topic; unsubscribe some first")
         if stream is None:
             stream = self._streams[topic] = self._open(topic, name, type_name)
-        elif type_name is not None and interfaces.full_name(type_name, "msg") != stream.type_name:
-            raise TopicFailed(type_conflict(name, interfaces.full_name(type_name, "msg"), stream.type_name))
+        elif type_name is not None and type_names.full_name(type_name, "msg") != stream.type_name:
+            raise TopicFailed(type_conflict(name, type_names.full_name(type_name, "msg"), stream.type_name))
         if merged is not None:
             merged.add(identifier, request)
             return
@@ -89,7 +89,7 @@ class TopicHub:
 
     def unsubscribe(self, receiver: Receiver, name: str, identifier: Hashable | None) -> None:
         """Remove a client's request with this id, or all of its requests for the topic if the id is None."""
-        stream = self._streams.get(interfaces.absolute(name))
+        stream = self._streams.get(type_names.absolute(name))
         merged = stream.receivers.get((receiver, name)) if stream else None
         if stream is None or merged is None:
             return
@@ -117,12 +117,12 @@ class TopicHub:
                 raise TopicFailed(f"Cannot infer topic type for topic {name} as it is not yet advertised")
             requested = known
         else:
-            requested = interfaces.full_name(type_name, "msg")
+            requested = type_names.full_name(type_name, "msg")
             if known is not None and known != requested:
                 raise TopicFailed(type_conflict(name, requested, known))
         try:
-            message_class = interfaces.find(requested, "msg")
-        except interfaces.UnknownType as error:
+            message_class = type_names.find(requested, "msg")
+        except type_names.UnknownType as error:
             raise TopicFailed(str(error)) from error
         try:
             subscription = RawSubscription(self._node, topic, message_class, lambda data: self._receive(topic, data))

@@ -14,9 +14,9 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-from lupin_runtime.console import interfaces
-from lupin_runtime.console.cdr import message_class_of
 from lupin_runtime.record.definitions import schema_text
+from lupin_runtime.ros import type_names
+from lupin_runtime.ros.type_names import message_class_of
 
 # Between the definitions in a schema: https://mcap.dev/spec/registry#ros2msg, which is rosapi's format too.
 _SEPARATOR = "\n" + "=" * 80 + "\nMSG: "
@@ -51,8 +51,8 @@ def full_text(type_name: str) -> str:
 
 
 def _full_text(type_name: str) -> str:
-    root = interfaces.find(type_name, "msg")
-    schema = schema_text(type_name, fields=lambda name: interfaces.find(name, "msg").get_fields_and_field_types())
+    root = type_names.find(type_name, "msg")
+    schema = schema_text(type_name, fields=lambda name: type_names.find(name, "msg").get_fields_and_field_types())
     text, *others = schema.split(_SEPARATOR)
     texts = {name: body for name, _, body in (other.partition("\n") for other in others)}
     parts = [text]

@@ -25,7 +25,8 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-from lupin_runtime.console.cdr import BYTE_TYPES, message_class_of
+from lupin_runtime.console.cdr import BYTE_TYPES
+from lupin_runtime.ros.type_names import message_class_of
 
 _INTEGER_BITS = {f"{sign}int{bits}": bits for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _FLOATS = ("float", "double")

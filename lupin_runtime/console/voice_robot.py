@@ -16,12 +16,12 @@ from lupin_runtime.console.authority import Refused, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.command_era import Refusal
 from lupin_runtime.console.drive_burst import DriveBurst, Velocity
-from lupin_runtime.console.interfaces import absolute
 from lupin_runtime.console.locations import BadLocation, all_locations, locations_file
 from lupin_runtime.console.outbox import Frame
 from lupin_runtime.console.robot_watch import RobotWatch
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.type_names import absolute
 from lupin_runtime.voice.envelope import Envelope, Situation
 from lupin_runtime.voice.executor import CommandFailed, RobotState
 from lupin_runtime.voice.tools import Tool

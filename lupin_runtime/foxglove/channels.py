@@ -11,8 +11,8 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
-from lupin_runtime.console import interfaces
 from lupin_runtime.foxglove.schemas import ros2msg_schema
+from lupin_runtime.ros import type_names
 from lupin_runtime.ros.raw_subscription import RawSubscription
 
 # How many channels are closed, renewed and opened in one turn. Every change sends a message or two to every client, and a
@@ -95,7 +95,7 @@ class GraphChannels:
 
     def _open(self, name: str, type_name: str, renewals: int = RENEWALS) -> None:
         try:
-            message_class = interfaces.find(type_name, "msg")
+            message_class = type_names.find(type_name, "msg")
             schema = Schema(name=type_name, encoding="ros2msg", data=ros2msg_schema(type_name).encode())
         except (LookupError, OSError, ValueError) as error:
             self._refuse(name, type_name, str(error))

@@ -7,19 +7,19 @@ from typing import Any
 
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
-from lupin_runtime.console import interfaces
-from lupin_runtime.console.cdr import message_class_of
 from lupin_runtime.record.definitions import schema_text
+from lupin_runtime.ros import type_names
+from lupin_runtime.ros.type_names import message_class_of
 
 
 @functools.lru_cache(maxsize=512)
 def ros2msg_schema(type_name: str) -> str:
     """Return the definition of `package/msg/Name` and of all types that it contains; also for an action's feedback topic.
 
-    Raises interfaces.UnknownType if a type is not installed.
+    Raises type_names.UnknownType if a type is not installed.
     """
     classes: dict[str, Any] = {}
-    _collect(type_name, interfaces.find(type_name, "msg"), classes)
+    _collect(type_name, type_names.find(type_name, "msg"), classes)
     return schema_text(type_name, fields=lambda name: _fields(classes, name))
 
 

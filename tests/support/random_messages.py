@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from rosidl_parser.definition import AbstractNestedType, AbstractString, Array, BasicType, BoundedSequence, NamespacedType
 
-from lupin_runtime.console.cdr import Format, message_class_of
+from lupin_runtime.console.cdr import Format
+from lupin_runtime.ros.type_names import message_class_of
 
 PACKAGES = ("msg", "srv", "action")
 BYTE_TYPES = ("octet", "uint8", "char")

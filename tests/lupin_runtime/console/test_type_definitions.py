@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from lupin_runtime.console import interfaces
-from lupin_runtime.console.cdr import message_class_of
 from lupin_runtime.console.type_definitions import full_text, type_definitions
+from lupin_runtime.ros import type_names
+from lupin_runtime.ros.type_names import message_class_of
 from tests.support.random_messages import installed_classes
 
 SEPARATOR = "\n" + "=" * 80 + "\nMSG: "
@@ -16,7 +16,7 @@ NUMBERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 
 
 def definitions(type_name: str) -> list[dict[str, Any]]:
-    return type_definitions(interfaces.find(type_name, "msg"))
+    return type_definitions(type_names.find(type_name, "msg"))
 
 
 def contained_types(message_class: Any, found: dict[str, Any]) -> dict[str, Any]:

@@ -199,17 +199,17 @@ def test_unknown_type_is_harmless_and_logged_once(
 ) -> None:
     from std_msgs.msg import Bool, String
 
-    from lupin_runtime.console import interfaces
+    from lupin_runtime.ros import type_names
 
-    find = interfaces.find
+    find = type_names.find
 
     def without_bool(name: str, kind: str) -> Any:
         if name == "std_msgs/msg/Bool":
-            raise interfaces.UnknownType("Unable to import std_msgs.msg")
+            raise type_names.UnknownType("Unable to import std_msgs.msg")
         return find(name, kind)
 
     reports: list[str] = []
-    monkeypatch.setattr(interfaces, "find", without_bool)
+    monkeypatch.setattr(type_names, "find", without_bool)
     monkeypatch.setattr(bridge.get_logger(), "warning", reports.append)
     peer.create_publisher(Bool, "/unknown", 10)
     client = connect()

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.console import interfaces
 from lupin_runtime.foxglove.layout import LAYOUT
+from lupin_runtime.ros import type_names
 
 DOCUMENT: dict[str, Any] = json.loads(LAYOUT.read_text(encoding="utf-8"))
 PANELS: dict[str, dict[str, Any]] = DOCUMENT["configById"]
@@ -70,7 +70,7 @@ def test_named_topics_are_in_the_graph_with_a_fitting_type() -> None:
 @pytest.mark.parametrize("path", [path["value"] for panel in of_kind("Plot", "StateTransitions") for path in panel["paths"]])
 def test_plotted_paths_name_fields_of_topics(path: str) -> None:
     topic, *fields = path.split(".")
-    value = interfaces.find(TYPES[topic], "msg")()
+    value = type_names.find(TYPES[topic], "msg")()
     for field in fields:
         value = getattr(value, field)
     assert isinstance(value, int | float | str)

@@ -7,8 +7,8 @@ import re
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.console import interfaces
 from lupin_runtime.foxglove.schemas import ros2msg_schema
+from lupin_runtime.ros import type_names
 from tests.support.random_messages import installed_classes
 
 SEPARATOR = "\n" + "=" * 80 + "\nMSG: "
@@ -45,7 +45,7 @@ def test_every_contained_type_is_defined_with_all_its_fields(type_name: str) -> 
         for kind, _ in fields(text):
             if kind not in PRIMITIVES:
                 assert (kind if "/" in kind else f"{owner.split('/')[0]}/{kind}") in definitions
-    names = list(interfaces.find(type_name, "msg").get_fields_and_field_types())
+    names = list(type_names.find(type_name, "msg").get_fields_and_field_types())
     if names != ["structure_needs_at_least_one_member"]:
         assert [field for _, field in fields(root)] == names
 
@@ -56,5 +56,5 @@ def test_types_of_the_graph_are_defined() -> None:
 
 
 def test_type_that_is_not_installed_is_refused() -> None:
-    with pytest.raises(interfaces.UnknownType, match="no_such_msgs"):
+    with pytest.raises(type_names.UnknownType, match="no_such_msgs"):
         ros2msg_schema("no_such_msgs/msg/Thing")

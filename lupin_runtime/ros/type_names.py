@@ -6,8 +6,11 @@ Error texts are those of rosbridge_suite, because its tests compare them.
 from __future__ import annotations
 
 import functools
+import importlib
 import re
 from typing import Any
+
+from rosidl_parser.definition import NamespacedType
 
 from lupin_runtime.ros.interfaces import interface_module
 
@@ -44,6 +47,14 @@ def find(name: str, kind: str) -> Any:
     if not isinstance(found, type) or not all(hasattr(found, part) for part in _REQUIRED_ATTRIBUTES[kind]):
         raise UnknownType(f"Unable to import {kind} class {type_name} from package {package}. Caused by {module.__name__}")
     return found
+
+
+def message_class_of(kind: NamespacedType) -> Any:
+    """Return the Python class of a nested message type."""
+    module = importlib.import_module(".".join(kind.namespaces))
+    # The module has no names for the parts of an action: `Fibonacci_Goal` is `Fibonacci.Goal`.
+    owner, _, part = kind.name.rpartition("_")
+    return getattr(module, kind.name) if hasattr(module, kind.name) else getattr(getattr(module, owner), part)
 
 
 def full_name(name: str, kind: str) -> str:
