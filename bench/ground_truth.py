@@ -25,6 +25,7 @@ MAX_AGE_S = 1.0  # transforms of this age are refused by navigation and mapping
 WINDOW_S = 2.5  # over which rates are measured
 LIMIT_S = 12.0  # discovery on a busy machine takes seconds
 EVALUATION_PERIOD_S = 0.2
+REPEAT_CALL_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -130,10 +131,12 @@ def observe(limit_s: float) -> dict[str, Any]:
             continue
         evaluated_s = now_s
         for name, client in clients.items():
-            if name not in calls and client.service_is_ready():
-                calls[name], called_s[name] = client.call_async(client.srv_type.Request()), now_s
-            elif name in calls and services[name] is None and calls[name].done():
+            if name in calls and services[name] is None and calls[name].done():
                 services[name] = round(now_s - called_s[name], 3)
+            # A server may answer before it knows the reader of its answers, which is then lost: programs ask again.
+            is_due = name not in calls or (services[name] is None and now_s - called_s[name] > REPEAT_CALL_S)
+            if is_due and client.service_is_ready():
+                calls[name], called_s[name] = client.call_async(client.srv_type.Request()), now_s
         drive = publisher.get_subscription_count() > 0
         broken = broken_lines(topics, services, drive, now_s)
         if (not broken and now_s - began_s > WINDOW_S) or now_s - began_s > limit_s:
