@@ -25,6 +25,7 @@ from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import Connection, Connections, Handoff
 from lupin_runtime.console.description import network_urls, serves_only_this_computer, spoken
 from lupin_runtime.console.doctor import Doctor, DoctorError
+from lupin_runtime.console.doctor_resources import DoctorResources
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.maps import Maps
 from lupin_runtime.console.pairing import PairingCodes
@@ -87,11 +88,6 @@ _STOP_BODY: dict[str, dict[str, Any]] = {
         "items": {"type": "string"},
         "description": "to release: the presses that the operator has seen; without them, what no client holds any more",
     },
-}
-
-_FIX_BODY: dict[str, dict[str, Any]] = {
-    "finding": {"type": "string"},
-    "confirmed": {"type": "boolean", "description": "false: only preview what would be changed"},
 }
 
 
@@ -170,9 +166,6 @@ class Origin:
             ),
             Resource("/_api/lease", self._lease, "Take, request, hand over or give up control.", _LEASE_BODY),
             Resource("/_api/stop", self._stop, "Stop the robot, or release the stops that hold it.", _STOP_BODY),
-            Resource("/_api/doctor", self._doctor_state, "The last diagnosis, its time, and what the doctor is doing now."),
-            Resource("/_api/doctor/examination", self._examine, "Examine this computer and its graph; changes nothing.", {}),
-            Resource("/_api/doctor/fix", self._fix, "Play the fix of a finding, or preview it. Needs control.", _FIX_BODY),
             Resource(
                 "/_api/events",
                 self._listen,
@@ -186,6 +179,7 @@ class Origin:
             (
                 *resources,
                 *run_files.resources(),
+                *DoctorResources(self.doctor, self._bridge).resources(),
                 *self._bridge.history.resources(),
                 *self._rewind.resources(),
                 *self._approaches.resources(),
@@ -375,26 +369,6 @@ class Origin:
             self._bridge.release_for(session, presses)
         self.push_state()
         return web.json_response({"stop": self._bridge.stops()})
-
-    async def _doctor_state(self, _: web.Request) -> web.StreamResponse:
-        return web.json_response(self.doctor.state)
-
-    async def _examine(self, request: web.Request) -> web.StreamResponse:
-        await json_object(request)
-        self.doctor.start_examination()
-        return web.json_response(self.doctor.state)
-
-    async def _fix(self, request: web.Request) -> web.StreamResponse:
-        body = await json_object(request)
-        finding, confirmed = body.get("finding"), body.get("confirmed")
-        if not isinstance(finding, str) or not isinstance(confirmed, bool):
-            raise web.HTTPBadRequest(
-                text="finding must be the id of a finding; confirmed must be true to play its fix, or false to preview it\n"
-            )
-        session = request[SESSION]
-        self._bridge.authority.take(session, time.monotonic_ns())
-        self._bridge.record(session.name, f"{'fix' if confirmed else 'preview the fix of'} {finding[:100]}")
-        return web.json_response(await self.doctor.fix(finding, dry_run=not confirmed))
 
     def _apply_settings(self, settings: Mapping[str, Any]) -> None:
         self._settings = settings
