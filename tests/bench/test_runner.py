@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import pytest
 
+from bench.__main__ import load_benchmarks, run
 from bench.runner import Benchmark, Figures, Log, Only, Patterns, benchmark, read_options
 
 
@@ -100,3 +101,21 @@ def test_json_is_one_line_with_figures_and_limits(capsys: pytest.CaptureFixture[
     (line,) = capsys.readouterr().out.splitlines()
     expected = {"figures": {"rate_hz": 31.2346}, "limits": {"rate_hz": {"sign": ">=", "bound": 30.0, "met": True}}, "met": True}
     assert expected.items() <= json.loads(line).items()
+
+
+@pytest.mark.parametrize("name", load_benchmarks())
+def test_every_benchmark_has_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        load_benchmarks()[name](["--help"])
+    assert f"usage: python -m bench.bench_{name} " in capsys.readouterr().out
+
+
+def test_list_names_every_benchmark_and_its_limits(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(list_=True) == 0
+    text = capsys.readouterr().out
+    assert "\nmppi " in text and "overhead_ms <= 65" in text and "Takes hours." in text
+
+
+def test_unknown_benchmark_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("no-such") == 2
+    assert "unknown benchmark no-such; choose from: cli, " in capsys.readouterr().err
