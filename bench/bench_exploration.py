@@ -1,6 +1,6 @@
 """Explorations in the mission simulator: tags read, distance driven, simulated time.
 
-The peer is a mission that explores frontiers only. Limit: in every world, Lupin reads every reachable tag.
+The peer is a mission that explores frontiers only. In every world, Lupin must read every reachable tag.
 """
 
 from __future__ import annotations

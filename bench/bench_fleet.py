@@ -1,4 +1,4 @@
-"""`lupin doctor --all` and `lupin play --all`: the time for twenty robots compared with one. Limit: twice as long.
+"""`lupin doctor --all` and `lupin play --all`: the time for twenty robots compared with one.
 
 Twenty simulated computers would overload the two cores that they share with the laptop, and the benchmark would measure that.
 So one computer is booted, with twenty more addresses. Each address is a robot of the inventory, with real connections, logins,

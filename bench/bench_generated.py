@@ -5,10 +5,8 @@ an operator runs it, and the case is undone. A diagnosis is right if it names th
 nothing else; if it is never "healthy" while something is broken; and if it names nothing while all works.
 
 With --log, each case appends one JSON line, and a later run continues behind the cases that the file already has. --fix also
-plays the doctor's safe fixes: ground truth must not be worse afterwards, and what is marked healed must be healed. The exit
-status is 1 if less than 95 % of the roots or machines are right, or anything was healthy while broken, or a root was named
-while all was fine, or a diagnosis of something broken took more than 10 s, or a case was not measured. Needs root, as the tests
-on booted hosts do.
+plays the doctor's safe fixes: ground truth must not be worse afterwards, and what is marked healed must be healed. Needs
+root, as the tests on booted hosts do.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ from lupin_sim.host.faults import parse_settings
 from lupin_sim.host.host import PROJECT
 from lupin_sim.host.rootfs import root_directory
 
-TARGET = 0.95
+NEVER = ("healthy_while_broken", "root_while_fine", "fix_errors", "errors", "late")  # counts that must be 0
 BROKEN_LIMIT_S = 10.0  # within which the doctor must have diagnosed something that is broken
 STEP_TIMEOUT_S = 90.0
 RECOVERY_TIMEOUT_S = 90.0
@@ -251,11 +249,15 @@ def count_by_row(results: Sequence[Result]) -> dict[str, Row]:
     return {name: row for name, row in rows.items() if row.cases or row.errors or name == "all"}
 
 
-def passes(row: Row, asked: int) -> bool:
-    """Whether the counts of all cases reach the target, and all cases that were asked for were measured."""
-    if row.cases < max(asked, 1) or row.errors or row.late or row.healthy_while_broken or row.root_while_fine or row.fix_errors:
-        return False
-    return min(row.root_right, row.machine_right) >= TARGET * row.cases
+def to_figures(rows: Mapping[str, Row], asked: int) -> Figures:
+    """Return the table, and the shares of right roots and machines of all cases, of which `asked` should have been measured."""
+    total = rows["all"]
+    return {
+        "layer": rows,
+        "missing_cases": max(asked, 1) - total.cases,
+        "root_right_share": total.root_right / max(total.cases, 1),
+        "machine_right_share": total.machine_right / max(total.cases, 1),
+    }
 
 
 def format_result(result: Result) -> str:
@@ -302,7 +304,11 @@ def run(bench: Bench, cases: Sequence[Case], fix: bool, limit_s: float, log: Pat
     return results
 
 
-@benchmark(long=True)
+@benchmark(
+    at_most=dict.fromkeys((*(f"all.{name}" for name in NEVER), "missing_cases"), 0),
+    at_least={"root_right_share": 0.95, "machine_right_share": 0.95},
+    long=True,
+)
 def main(
     count: Count = 300,
     seed: Seed = 0,
@@ -332,8 +338,7 @@ def main(
             results += run(bench, missing, fix, limit_s, log)
         finally:
             bench.rig.stop()
-    rows = count_by_row(results)
-    return {"layer": rows, "met": passes(rows["all"], len(cases))}
+    return to_figures(count_by_row(results), len(cases))
 
 
 if __name__ == "__main__":

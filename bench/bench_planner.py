@@ -1,8 +1,7 @@
 """Global planning on 2000 x 2000 cells: its time, and the length of its paths compared with an exact reference and a peer.
 
-Limits: 100 ms of CPU time per plan, and at most 1 % longer than the shortest path. The exact reference is the tangent graph
-over the boxes' corners. The peer is SciPy's Dijkstra over the 8-neighborhood, on a quarter of the map only: its graph of the
-whole map would take a gigabyte.
+The exact reference is the tangent graph over the boxes' corners. The peer is SciPy's Dijkstra over the 8-neighborhood, on a
+quarter of the map only: its graph of the whole map would take a gigabyte.
 """
 
 from __future__ import annotations

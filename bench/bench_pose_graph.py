@@ -1,8 +1,8 @@
 """The pose graph optimizer on a Manhattan world of 3500 nodes and 5500 edges, from odometry and from poor initial guesses.
 
-Limits: within a millionth of the best chi2 that any solver found, in at most 1 s. The reference solver, for chi2 and speed, is
-a textbook Gauss-Newton (complex numbers for poses, numeric Jacobian, SciPy's sparse solver) that starts at the ground truth,
-the easiest initial guess.
+`excess` is relative to the best chi2 that any solver found. The reference solver, for chi2 and speed, is a textbook
+Gauss-Newton (complex numbers for poses, numeric Jacobian, SciPy's sparse solver) that starts at the ground truth, the easiest
+initial guess.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The recorder under the load of a mission: CPU time and lost messages, compared with a recorder that uses callbacks.
 
-Limit: 8 % of a core. Another process publishes the recorded topics at the rates of a mission in the simulator, with messages of
-realistic size. Lost messages are counted on the topics of which every message is to be recorded.
+Another process publishes the recorded topics at the rates of a mission in the simulator, with messages of realistic size. Lost
+messages are counted on the topics of which every message is to be recorded.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """SLAM on one core: 360 beams at 10 Hz in a greenhouse, with drifting odometry.
 
-Limits: 50 times as fast as real time, CPU time per scan that grows by at most a quarter over an hour, RMSE of 5 cm and 0.5
-degrees. It is compared with dead reckoning (odometry alone), and with a bare pass over the readings in numpy (finite check and
-trigonometry), which is a lower bound for any method that reads them.
+The default length shows whether the CPU time per scan grows. SLAM is compared with dead reckoning (odometry alone), and with a
+bare pass over the readings in numpy (finite check and trigonometry), which is a lower bound for any method that reads them.
 """
 
 from __future__ import annotations

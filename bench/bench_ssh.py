@@ -172,7 +172,7 @@ def main(probes: Annotated[int, "run this many scripts"] = 40, rounds: Rounds = 
                     raise SystemExit(f"{method.__name__} returned different outputs")
         methods.close()
     median_s = {name: statistics.median(each) for name, each in times_s.items()}
-    rows = {name: {"median_s": value, "times_batch": value / median_s["batch"]} for name, value in median_s.items()}
+    rows = {name: {"median_s": value, "speedup_of_batch": value / median_s["batch"]} for name, value in median_s.items()}
     return {"probes": probes, "rounds": rounds, "methods": rows}
 
 

@@ -1,9 +1,8 @@
 """Tag detection compared with the AprilTag library itself, on rendered views with blur and noise, plain and textured.
 
-Limits, against the library's default settings (half resolution) and full resolution, whichever is better: recall and corner
-error of `tags detect` at least as good, for plain and for textured backgrounds; recall of live frames at least as good in
-sequences of a moving camera, with at most 15 ms per VGA frame on one core. All detectors run on the same frames, one after the
-other.
+Recall and corner errors must be at least as good as those of the library's default settings (half resolution) and full
+resolution, whichever is better: for `tags detect` on single views, and for live frames in sequences of a moving camera, which
+also have a limit of time on one core. All detectors run on the same frames, one after the other.
 """
 
 from __future__ import annotations
