@@ -93,6 +93,9 @@ class Benchmark:
             if isinstance(refusal.code, str):
                 note(refusal.code)
             return NOT_MEASURED
+        except Exception:  # Python's own status would say that a limit was missed
+            sys.excepthook(*sys.exc_info())
+            return NOT_MEASURED
         if figures is None:
             return MET
         figures = to_plain(figures)
@@ -166,8 +169,7 @@ def _add_option(parser: argparse.ArgumentParser, parameter: inspect.Parameter, h
     if parameter.kind is parameter.VAR_POSITIONAL:
         parser.add_argument(parameter.name, nargs="*", help=text)
         return
-    flag = f"--{parameter.name.rstrip('_').replace('_', '-')}"
-    default = parameter.default
+    flag, default = f"--{parameter.name.rstrip('_').replace('_', '-')}", parameter.default
     if kind is bool:
         parser.add_argument(flag, dest=parameter.name, action="store_true", help=text)
         return

@@ -85,6 +85,15 @@ def test_refusal_to_measure_is_status_2(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().err == "not measured: no camera\n"
 
 
+def test_defect_is_shown_and_is_status_2(capsys: pytest.CaptureFixture[str]) -> None:
+    @benchmark()
+    def main() -> Figures:
+        raise ValueError("no samples")
+
+    assert main([]) == 2
+    assert "Traceback" in (printed := capsys.readouterr().err) and "ValueError: no samples" in printed
+
+
 def test_table_shows_limits_and_what_was_not_measured(capsys: pytest.CaptureFixture[str]) -> None:
     measuring({"delay_ms": 5.0, "slow": {"a": {"delay_ms": 30.0, "count": 2}, "b": {"count": 12345}}})([])
     assert capsys.readouterr().out.splitlines() == [
