@@ -16,14 +16,11 @@ bound. `rsync` compares all sizes and times at once, with a program that the rob
 compares only the target of the symbolic link /opt/lupin/current, as lupin does, but is given the expected name: it shows the
 minimum cost of the peers, and cannot synchronize a folder.
 
-    python -m bench.bench_deploy [--rounds N] [--no-peers] [--busy] [--json]
-
 Needs root, as the tests on booted hosts do.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -34,17 +31,15 @@ from typing import Any
 from bench.booted import (
     SETUP_LINES,
     Operator,
-    add_common_options,
     booted_operator,
     load_average,
     median,
-    note,
     peer_tools,
     raise_priority,
 )
 from bench.peers import deploying
+from bench.runner import Busy, Figures, NoPeers, Rounds, benchmark, note
 
-LIMIT_S = 1.5
 # Expected ratios of the peers' times to lupin's. They are only printed; the exit status does not depend on them.
 EXPECTED_PYINFRA_RATIO, EXPECTED_ANSIBLE_RATIO = 5.0, 20.0
 FILES = (
@@ -146,58 +141,32 @@ def compare_with_peers(operator: Operator, rounds: int) -> dict[str, Any]:
             result["methods"][method] = {
                 "lupin_s": lupin_s,
                 **{f"{name}_s": median(warm[name]) for name in commands},
-                **{f"{name}_ratio": round(median(warm[name]) / lupin_s, 1) for name in commands},
+                **{f"{name}_ratio": median(warm[name]) / lupin_s for name in commands},
+                "pyinfra_expected_ratio": EXPECTED_PYINFRA_RATIO,
+                "ansible_expected_ratio": EXPECTED_ANSIBLE_RATIO,
                 "timed_out": sorted(timed_out),
                 "load_average": load_average(),
             }
     return result
 
 
-def main() -> int:
-    """Time repeated deploys by lupin and its peers; return 1 if lupin exceeds LIMIT_S."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5, help="number of measured rounds (of lupin alone: at least 3)")
-    parser.add_argument("--no-peers", action="store_true", help="measure lupin only, and do not install pyinfra and Ansible")
-    add_common_options(parser)
-    options = parser.parse_args()
-
+@benchmark(at_most={"again_s": 1.5})
+def main(rounds: Rounds = 5, no_peers: NoPeers = False, busy: Busy = False) -> Figures:
+    """Time repeated deploys by lupin, in at least 3 rounds, and by its peers."""
     with booted_operator(vendor_robot=True) as operator:
         first = operator.require(operator.lupin("deploy", "robot", "--no-check", "--json"))
         note(f"first deploy: {first.wall_s:.1f} s")
-        if options.busy:
+        if busy:
             raise_priority(operator.host)
         deploy_once(operator)
-        walls = [deploy_once(operator) for _ in range(max(options.rounds, 3))]
-        result: dict[str, Any] = {
-            "first_s": round(first.wall_s, 1),
+        walls = [deploy_once(operator) for _ in range(max(rounds, 3))]
+        figures = {
+            "first_s": first.wall_s,
             "again_s": median(walls),
-            "again_worst_s": round(max(walls), 3),
-            "limit_s": LIMIT_S,
+            "again_worst_s": max(walls),
             "load_average": load_average(),
         }
-        if not options.no_peers:
-            result |= compare_with_peers(operator, options.rounds)
-    if options.json:
-        print(json.dumps(result))
-    else:
-        _print(result)
-    return 0 if result["again_s"] <= LIMIT_S else 1
-
-
-def _print(result: dict[str, Any]) -> None:
-    print(
-        f"deploy again, nothing to do: {result['again_s']:.2f} s (limit {LIMIT_S:g} s), worst {result['again_worst_s']:.2f} s"
-    )
-    for method, row in result.get("methods", {}).items():
-        ratios = [
-            f"{name} {row[f'{name}_s']:.2f} s, {'at least ' if name in row['timed_out'] else ''}{row[f'{name}_ratio']} x "
-            f"(expected {expected:g})"
-            for name, expected in (("pyinfra", EXPECTED_PYINFRA_RATIO), ("ansible", EXPECTED_ANSIBLE_RATIO))
-        ]
-        print(
-            f"  release checked by {method} ({result['files']} files): lupin {row['lupin_s']:.2f} s; {'; '.join(ratios)}; "
-            f"load {row['load_average']}"
-        )
+        return figures if no_peers else figures | compare_with_peers(operator, rounds)
 
 
 if __name__ == "__main__":

@@ -22,34 +22,30 @@ On a shared machine, other work changes the times; `--busy` gives both simulated
 
 The cable between the two machines adds no delay; `--delay-ms` adds a delay like that of a radio.
 
-    python -m bench.bench_doctor [--rounds N] [--no-peers] [--way scripts|questions] [--delay-ms MS] [--graph] [--busy] [--json]
-
 Needs root, as the tests on booted hosts do.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 from bench.booted import (
     PROJECT_BENCH,
     Operator,
     TimedRun,
-    add_common_options,
     booted_operator,
     load_average,
     median,
-    note,
     peer_tools,
     raise_priority,
 )
 from bench.peers import facts as peers
+from bench.runner import Busy, Figures, NoPeers, Rounds, benchmark, note
 
 if TYPE_CHECKING:
     from bench.peers.pyinfra_and_ansible import PeerTools
@@ -67,8 +63,6 @@ target = SshTarget("robot", destination, KnownHosts(Path(os.devnull), user_file=
 status = target.batch([Script("nothing", "true")])["nothing"].status
 sys.exit(0 if status == 0 else 1)
 """
-LIMIT_S = 1.0  # below it, the doctor feels instant
-GRAPH_LIMIT_S = 3.0  # with ground truth
 # How many times as long as the doctor the peers should take; printed for comparison, and not part of the exit status.
 MIN_PYINFRA_RATIO, MIN_ANSIBLE_RATIO = 5.0, 20.0
 READY_TIMEOUT_S = 90.0
@@ -128,17 +122,14 @@ class DoctorRuns:
             "wall_s": median(self.walls),
             "slowest_probe_s": median(self.slowest),
             "above_slowest_s": median(above_slowest),
-            "limit_s": LIMIT_S,
             "findings": sorted(self.findings),
             "unknown": sorted(self.unknown),
             "load_average": load_average(),
         }
 
 
-def compare(
-    rounds: int, with_peers: bool, busy: bool, delay_ms: float, task_sizes: Sequence[str], note: Callable[[str], None]
-) -> dict[str, Any]:
-    """Measure the doctor without the checks of the ROS graph, and the peers if asked to; `note` prints progress."""
+def compare(rounds: int, with_peers: bool, busy: bool, delay_ms: float, task_sizes: Sequence[str]) -> dict[str, Any]:
+    """Measure the doctor without the checks of the ROS graph, and the peers if asked to."""
     with booted_operator() as session:
         doctor = DoctorRuns(session, set_up(session), *(word for name in peers.graph_checks() for word in ("--skip", name)))
         if busy:
@@ -157,7 +148,7 @@ def compare(
             with peer_tools(session) as tools:
                 result["peers"] = {
                     f"{size}, {machines}": _compare_with_peers(
-                        session, doctor, tools, peers.questions_for(tools.address, size, machines), rounds, note
+                        session, doctor, tools, peers.questions_for(tools.address, size, machines), rounds
                     )
                     for size in task_sizes
                     for machines in peers.MACHINES
@@ -166,12 +157,7 @@ def compare(
 
 
 def _compare_with_peers(
-    session: Operator,
-    doctor: DoctorRuns,
-    tools: PeerTools,
-    questions: peers.Questions,
-    rounds: int,
-    note: Callable[[str], None],
+    session: Operator, doctor: DoctorRuns, tools: PeerTools, questions: peers.Questions, rounds: int
 ) -> dict[str, Any]:
     tasks = sum(map(len, questions.values()))
     commands = {"pyinfra": peers.pyinfra_command(tools, questions), "ansible": peers.ansible_command(tools, questions)}
@@ -194,21 +180,13 @@ def _compare_with_peers(
     summary: dict[str, Any] = {"tasks": tasks, **{f"{name}_s": median(w[1:]) for name, w in walls.items()}}
     for name, limit in (("pyinfra", MIN_PYINFRA_RATIO), ("ansible", MIN_ANSIBLE_RATIO)):
         ratios = {
-            base: round(median([peer / ours for peer, ours in zip(walls[name][1:], walls[base][1:])]), 1)
-            for base in ("lupin", "floor")
+            base: median([peer / ours for peer, ours in zip(walls[name][1:], walls[base][1:])]) for base in ("lupin", "floor")
         }
         summary |= {f"{name}_ratio": ratios["lupin"], f"{name}_min_ratio": limit, f"{name}_ratio_to_floor": ratios["floor"]}
     return {**summary, "load_average": load_average()}
 
 
-def passes(result: Mapping[str, Any]) -> bool:
-    """Whether the doctor is as fast as it must be, over one connection; with the graph, too, if that was measured."""
-    whole = result.get("with_the_graph")
-    in_time = result["wall_s"] <= LIMIT_S and (whole is None or whole["wall_s"] <= whole["limit_s"])
-    return bool(in_time and result["connections"] <= 1.0)
-
-
-def measure_whole(rounds: int, busy: bool, note: Callable[[str], None]) -> dict[str, Any]:
+def measure_whole(rounds: int, busy: bool) -> dict[str, Any]:
     """Measure the whole doctor on a robot with the vendor's stack and Lupin's units running."""
     with booted_operator(vendor_robot=True) as session:
         session.require(session.lupin("deploy", "robot", "--no-check"))
@@ -219,38 +197,22 @@ def measure_whole(rounds: int, busy: bool, note: Callable[[str], None]) -> dict[
         for round_ in range(rounds):
             doctor.run()
             note(f"with the graph, round {round_}: {doctor.walls[-1]:.2f} s, slowest probe {doctor.slowest[-1]:.2f} s")
-    return {**doctor.report(), "limit_s": GRAPH_LIMIT_S}
+    return doctor.report()
 
 
-def main() -> int:
-    """Time the doctor and its peers; return 1 if the doctor exceeds a limit or opens more than one connection."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this many times")
-    parser.add_argument(
-        "--no-peers", action="store_true", help="measure the doctor only, and do not install pyinfra and Ansible"
-    )
-    parser.add_argument(
-        "--way",
-        action="append",
-        choices=peers.TASK_SIZES,
-        help="give pyinfra and Ansible tasks of this size; may be repeated; default: both",
-    )
-    parser.add_argument("--delay-ms", type=float, default=0.0, help="delay packets by this time in each direction")
-    parser.add_argument("--graph", action="store_true", help="also measure the whole doctor, with the checks of the ROS graph")
-    add_common_options(parser)
-    options = parser.parse_args()
-
-    sizes = options.way or peers.TASK_SIZES
-    result = compare(options.rounds, not options.no_peers, options.busy, options.delay_ms, sizes, note)
-    if options.graph:
-        result["with_the_graph"] = measure_whole(options.rounds, options.busy, note)
-    if options.json:
-        print(json.dumps(result))
-    else:
-        for key, value in result.items():
-            for name, row in value.items() if key == "peers" else [("", value)]:
-                print(f"{key} {name}".ljust(22), json.dumps(row))
-    return 0 if passes(result) else 1
+# Below 1 s, the doctor feels instant. With the graph, it measures ground truth.
+@benchmark(at_most={"wall_s": 1.0, "with_the_graph.wall_s": 3.0, "connections": 1.0})
+def main(
+    rounds: Rounds = 5,
+    no_peers: NoPeers = False,
+    way: Annotated[tuple[str, ...], "give the peers tasks of this size; may be repeated", peers.TASK_SIZES] = (),
+    delay_ms: Annotated[float, "delay packets by this time in each direction"] = 0.0,
+    graph: Annotated[bool, "also measure the whole doctor, with the checks of the ROS graph"] = False,
+    busy: Busy = False,
+) -> Figures:
+    """Time the doctor and its peers."""
+    figures = compare(rounds, not no_peers, busy, delay_ms, way or peers.TASK_SIZES)
+    return figures | {"with_the_graph": measure_whole(rounds, busy)} if graph else figures
 
 
 if __name__ == "__main__":

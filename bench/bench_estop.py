@@ -1,31 +1,25 @@
 """The e-stop on the whole stack under full load: the time from a press to zero at the sink, and to wheels at rest.
 
-    python -m bench.bench_estop [--presses 30] [--by button|console] [--world walled] [--json]
-
 Starts the stack with `lupin up`, drives back and forth at 0.4 m/s, and presses the e-stop repeatedly: the simulated button, or
 with `--by console` the stop of a console client. Times start just before the service call or the WebSocket frame is sent; those
 from the edge start when the button's first pressed message arrives here, because on a robot nothing calls the simulator.
-
-Limits for the 99th percentile:
-  edge to zero at the sink    50 ms, by the button
-  zero at the sink            60 ms, by the console
-  wheels at rest              300 ms; at rest means slower than 0.05 rad/s, in joint states at 50 Hz
-
-For comparison, the last figure is the time from an operator's zero command to wheels at rest.
+At rest means slower than 0.05 rad/s, in joint states at 50 Hz. For comparison, the last figure is the time from an operator's
+zero command to wheels at rest.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import os
 import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
+from typing import Annotated
 
-from bench.detached_run import start_run, stop_run
+from bench.detached_run import detached_run
+from bench.processes import spinning_node
+from bench.runner import Figures, World, benchmark
 from lupin_runtime import graph
 from lupin_runtime.console.description import read_description
 from lupin_runtime.ros import LupinNode
@@ -33,8 +27,6 @@ from tests.support.rosbridge_client import RosbridgeClient
 
 AT_REST_RAD_S = 0.05
 SPEED_M_S = 0.4
-BUTTON_LIMITS_MS = {"edge_to_zero": 50.0, "wheels_at_rest": 300.0}
-CONSOLE_LIMITS_MS = {"zero_at_sink": 60.0, "wheels_at_rest": 300.0}
 TIMEOUT_S = 10.0
 # Discovery of the bench's publisher may take a second; a release takes effect after 0.5 to 0.7 s.
 SETTLE_S = 2.0
@@ -46,36 +38,35 @@ class EstopRig:
     The e-stop is the simulated button, or the stop of `console` if that is given.
     """
 
-    def __init__(self, console: RosbridgeClient | None) -> None:
-        import rclpy
+    def __init__(self, node: LupinNode, console: RosbridgeClient | None) -> None:
         from geometry_msgs.msg import Twist
-        from rclpy.executors import SingleThreadedExecutor
         from std_srvs.srv import SetBool
 
-        rclpy.init(args=[])
-        self.node = LupinNode("bench_estop")
         self._twist_type, self._button_request = Twist, SetBool.Request
         self._console = console
         self.speed = 0.0
         self.sink_commands: list[tuple[float, bool]] = []  # time, and whether it was zero
         self.wheel_speeds: list[tuple[float, float]] = []  # time, and the speed of the fastest wheel (rad/s)
         self.edges: list[float] = []  # times of pressed messages of the button
-        self._drive_publisher = self.node.publisher(graph.CMD_VEL_MANUAL)
-        self._press_client = self.node.client(graph.SIM_PRESS_ESTOP)
-        self.node.subscription(graph.CMD_VEL_SINK_SIM, self._on_sink)
-        self.node.subscription(graph.JOINT_STATES, self._on_joints)
-        self.node.subscription(graph.ESTOP_BUTTON, self._on_button)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        threading.Thread(target=self._executor.spin, daemon=True).start()
-        threading.Thread(target=self._keep_driving, daemon=True).start()
+        self._drive_publisher = node.publisher(graph.CMD_VEL_MANUAL)
+        self._press_client = node.client(graph.SIM_PRESS_ESTOP)
+        node.subscription(graph.CMD_VEL_SINK_SIM, self._on_sink)
+        node.subscription(graph.JOINT_STATES, self._on_joints)
+        node.subscription(graph.ESTOP_BUTTON, self._on_button)
+        self._over = threading.Event()
+        self._driving = threading.Thread(target=self._keep_driving)
+        self._driving.start()
 
     def _keep_driving(self) -> None:
         message = self._twist_type()
-        while True:
+        while not self._over.wait(0.05):
             message.linear.x = self.speed
             self._drive_publisher.publish(message)
-            time.sleep(0.05)
+
+    def close(self) -> None:
+        """Stop driving."""
+        self._over.set()
+        self._driving.join()
 
     def _on_sink(self, message: object) -> None:
         is_zero = not (message.linear.x or message.linear.y or message.angular.z)  # type: ignore[attr-defined]
@@ -125,12 +116,11 @@ class EstopRig:
         )
 
 
-def measure(presses: int, console: RosbridgeClient | None = None) -> dict[str, list[float]]:
+def measure(rig: EstopRig, presses: int, by_console: bool) -> dict[str, list[float]]:
     """Press the e-stop `presses` times; return the times in ms, by figure."""
-    rig = EstopRig(console)
     time.sleep(SETTLE_S)
     names = ("edge_to_zero", "zero_at_sink", "wheels_at_rest", "zero_command_to_rest")
-    times: dict[str, list[float]] = {name: [] for name in names[console is not None :]}
+    times: dict[str, list[float]] = {name: [] for name in names[by_console:]}
     sign = 1.0
     for _ in range(presses):
         for by_estop in (True, False):
@@ -144,7 +134,7 @@ def measure(presses: int, console: RosbridgeClient | None = None) -> dict[str, l
                 start = rig.set_estop(True)
                 zero = rig.wait_for_zero(start)
                 times["zero_at_sink"].append((zero - start) * 1e3)
-                if console is None:
+                if not by_console:
                     edge = rig.wait_for("the button's edge", lambda: next(iter(rig.edges), None))
                     times["edge_to_zero"].append((zero - edge) * 1e3)
                 times["wheels_at_rest"].append((rig.wait_for_rest(start) - start) * 1e3)
@@ -160,47 +150,29 @@ def measure(presses: int, console: RosbridgeClient | None = None) -> dict[str, l
     return times
 
 
-def main() -> int:
-    """Start the stack, press the e-stop repeatedly, and print the times; return 1 if a limit is exceeded."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--presses", type=int, default=30, help="press the e-stop this many times")
-    parser.add_argument(
-        "--by",
-        choices=("button", "console"),
-        default="button",
-        help="press the simulated button, or the stop of a console client",
-    )
-    parser.add_argument("--world", default="walled", help="drive in this world of `lupin up --world`")
-    parser.add_argument("--json", action="store_true", help="print only the JSON line")
-    options = parser.parse_args()
-    by_console = options.by == "console"
-    limits_ms = CONSOLE_LIMITS_MS if by_console else BUTTON_LIMITS_MS
-    run = start_run(["--world", options.world, "--web" if by_console else "--no-web"])
-    try:
+@benchmark(at_most={"button.edge_to_zero.p99_ms": 50.0, "console.zero_at_sink.p99_ms": 60.0, "wheels_at_rest.p99_ms": 300.0})
+def main(
+    presses: Annotated[int, "press the e-stop this many times"] = 30,
+    by: Annotated[str, "press the simulated button, or the stop of a console client", ("button", "console")] = "button",
+    world: World = "walled",
+) -> Figures:
+    """Start the stack, and press the e-stop repeatedly."""
+    by_console = by == "console"
+    with detached_run(["--world", world, "--web" if by_console else "--no-web"]) as run:
         client = None
         if by_console:
             description = read_description(run.path)
             if description is None:
                 raise SystemExit(f"the console is not running; see: lupin logs console --run {run.id}")
             client = RosbridgeClient(description.rosbridge_port)
-        times = measure(options.presses, client)
-    finally:
-        stop_run(run)
-    result: dict[str, float] = {}
+        with spinning_node("bench_estop") as node, closing(EstopRig(node, client)) as rig:
+            times = measure(rig, presses, by_console)
+    figures = {}
     for name, values in times.items():
         ordered = sorted(values)
-        result[f"{name}_median_ms"] = round(ordered[len(ordered) // 2], 1)
-        result[f"{name}_p99_ms"] = round(ordered[math.ceil(0.99 * len(ordered)) - 1], 1)
-        result[f"{name}_max_ms"] = round(ordered[-1], 1)
-    for name, limit in limits_ms.items():
-        result[f"{name}_ratio_to_limit"] = round(result[f"{name}_p99_ms"] / limit, 2)
-    if not options.json:
-        for name in times:
-            limit_text = f", limit {limits_ms[name]:.0f}" if name in limits_ms else ""
-            figures = (f"{figure} {result[f'{name}_{figure}_ms']} ms" for figure in ("median", "p99", "max"))
-            print(f"{name:20s} {', '.join(figures)}{limit_text}")
-    print(json.dumps(result), flush=True)
-    os._exit(0 if all(result[f"{name}_ratio_to_limit"] <= 1.0 for name in limits_ms) else 1)
+        median_ms, p99_ms = ordered[len(ordered) // 2], ordered[math.ceil(0.99 * len(ordered)) - 1]
+        figures[name] = {"median_ms": median_ms, "p99_ms": p99_ms, "max_ms": ordered[-1]}
+    return {by: figures}
 
 
 if __name__ == "__main__":

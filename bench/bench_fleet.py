@@ -1,4 +1,4 @@
-"""`lupin doctor --all` and `lupin play --all`: the time for twenty robots compared with one. Limit: twice as long.
+"""`lupin doctor --all` and `lupin play --all`: the time for twenty robots compared with one.
 
 Twenty simulated computers would overload the two cores that they share with the laptop, and the benchmark would measure that.
 So one computer is booted, with twenty more addresses. Each address is a robot of the inventory, with real connections, logins,
@@ -13,23 +13,20 @@ batches, parsers, diagnoses and journals), and the logins of all robots on one m
 twenty. sshd runs without PAM and with -r, so that it does not re-execute itself for each connection: a login then takes 13 ms
 of the operator's cores instead of 46. The figures say nothing about slow robots: a command always waits for the slowest one.
 
-    python -m bench.bench_fleet [--robots N] [--rounds N] [--busy] [--json]
-
 Needs root, as the tests on booted hosts do.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
-from bench.booted import Operator, add_common_options, booted_operator, load_average, median, note, raise_priority
+from bench.booted import Operator, booted_operator, load_average, median, raise_priority
 from bench.peers.facts import graph_checks
+from bench.runner import Busy, Figures, Rounds, benchmark, note
 
-LIMIT = 2.0
 FIRST_BYTE = 101  # last byte of the first address, 10.42.0.101
 REPLAY = "/usr/local/lib/lupin-bench-replay"
 # Replays a diagnosis. The SSH command reads a program of a given size and runs it (connection/batch_protocol.py); a program
@@ -150,8 +147,8 @@ class Fleet:
         return ran.wall_s
 
 
-def compare(command: Callable[[bool], float], rounds: int, note: Callable[[str], None]) -> dict[str, Any]:
-    """Time a command on one robot and on all robots in rounds, after a round that warms caches; `note` prints progress."""
+def compare(command: Callable[[bool], float], rounds: int) -> dict[str, Any]:
+    """Time a command on one robot and on all robots in rounds, after a round that warms caches."""
     command(False)
     command(True)
     pairs = []
@@ -161,38 +158,23 @@ def compare(command: Callable[[bool], float], rounds: int, note: Callable[[str],
     return {
         "one_s": median([one_s for one_s, _ in pairs]),
         "all_s": median([all_s for _, all_s in pairs]),
-        "ratio": round(median([all_s / one_s for one_s, all_s in pairs]), 2),
+        "ratio": median([all_s / one_s for one_s, all_s in pairs]),
         "load_average": load_average(),
     }
 
 
-def main() -> int:
-    """Time a diagnosis and a playbook on one robot and on many; return 1 if many take longer than the limit."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--robots", type=int, default=20, help="compare this many robots with one")
-    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this many times")
-    add_common_options(parser)
-    options = parser.parse_args()
-
+@benchmark(at_most={"ratio": 2.0})
+def main(robots: Annotated[int, "compare this many robots with one"] = 20, rounds: Rounds = 5, busy: Busy = False) -> Figures:
+    """Time a diagnosis and a playbook on one robot and on many."""
     with booted_operator() as operator:
-        prepare_robots(operator, options.robots)
-        if options.busy:
+        prepare_robots(operator, robots)
+        if busy:
             raise_priority(operator.host)
-        fleet = Fleet(operator, options.robots)
+        fleet = Fleet(operator, robots)
         fleet.doctor(False)  # runs the real probes and saves their output
         seconds = float(operator.host.robot.run_as_root("cat", "/var/tmp/seconds").stdout)
-        result: dict[str, Any] = {"robots": options.robots, "limit": LIMIT, "robot_answer_s": seconds}
-        result["doctor"] = compare(fleet.doctor, options.rounds, note)
-        result["play"] = compare(fleet.play, options.rounds, note)
-    if options.json:
-        print(json.dumps(result))
-    else:
-        print(f"{options.robots} robots, each of which takes {seconds:.2f} s to answer a diagnosis")
-        for name in ("doctor", "play"):
-            row = result[name]
-            took = f"one {row['one_s']:.2f} s, all {row['all_s']:.2f} s: {row['ratio']} times (limit {LIMIT:g})"
-            print(f"{name:6} {took}; load {row['load_average']}")
-    return 0 if max(result[name]["ratio"] for name in ("doctor", "play")) <= LIMIT else 1
+        commands = {"doctor": compare(fleet.doctor, rounds), "play": compare(fleet.play, rounds)}
+    return {"robots": robots, "robot_answer_s": seconds, "commands": commands}
 
 
 if __name__ == "__main__":

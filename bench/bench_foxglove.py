@@ -1,13 +1,10 @@
 """The Foxglove server: messages per second of CPU time, compared with the console's rosbridge; five clients; idling.
 
-    python -m bench.bench_foxglove [--seconds 10] [--json]
-
 Each part starts a server and a load generator as separate processes on a private graph.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import threading
@@ -18,20 +15,12 @@ from typing import Any
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from bench.bench_console import ServerRig, idle, receive, server_rig, small_messages
-from lupin_runtime import graph
+from bench.bench_console import idle, small_messages
+from bench.processes import child_command
+from bench.runner import Figures, Seconds, benchmark
+from bench.server_rig import ANSWER_TIMEOUT_S, ROBOT_TOPICS, ServerRig, publish, receive, server_rig
 
-LIMITS = {
-    "messages_per_cpu_s": 15_000.0,
-    "ratio_to_console": 1.0,
-    "five_clients_percent": 15.0,
-    "idle_percent": 2.0,
-    "idle_mb": 130.0,
-}
-AT_LEAST = ("messages_per_cpu_s", "ratio_to_console")
-_MODULE = "bench.bench_foxglove"
 _SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
-_ANSWER_TIMEOUT_S = 20.0
 
 
 def serve() -> int:
@@ -51,7 +40,7 @@ def subscribed_client(server: ServerRig, topics: Sequence[str]) -> ClientConnect
     client = server.exits.enter_context(connect(address, subprotocols=[_SUBPROTOCOL], max_size=None, max_queue=None))
     missing = set(topics)
     while missing:
-        message = json.loads(client.recv(timeout=_ANSWER_TIMEOUT_S))
+        message = json.loads(client.recv(timeout=ANSWER_TIMEOUT_S))
         channels = [each for each in message.get("channels", ()) if each["topic"] in missing]
         missing -= {channel["topic"] for channel in channels}
         subscriptions = [{"id": channel["id"], "channelId": channel["id"]} for channel in channels]
@@ -61,10 +50,10 @@ def subscribed_client(server: ServerRig, topics: Sequence[str]) -> ClientConnect
 
 def small_messages_to_foxglove(seconds: float) -> dict[str, float]:
     """Measure how many small messages the server forwards to one client per second of its CPU time."""
-    with server_rig(module=_MODULE) as server:
-        load = server.start_process("small", seconds)
+    with server_rig(child_command(serve)) as server:
+        load = server.start_process(publish, kind="small", seconds=seconds)
         client = subscribed_client(server, ["/bench/small"])
-        client.recv(timeout=_ANSWER_TIMEOUT_S)
+        client.recv(timeout=ANSWER_TIMEOUT_S)
         before_s = server.cpu_s()
         received = receive(client, 1.5)
         used_s = server.cpu_s() - before_s
@@ -74,10 +63,10 @@ def small_messages_to_foxglove(seconds: float) -> dict[str, float]:
 
 def five_clients(seconds: float) -> dict[str, float]:
     """Measure the server's CPU while five clients receive transforms, scan, map and odometry."""
-    with server_rig(module=_MODULE) as server:
-        server.start_process("robot", seconds + 6.0)
+    with server_rig(child_command(serve)) as server:
+        server.start_process(publish, kind="robot", seconds=seconds + 6.0)
         for _ in range(5):
-            client = subscribed_client(server, [row.name for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP)])
+            client = subscribed_client(server, [row.name for row in ROBOT_TOPICS])
             threading.Thread(target=receive, args=(client, seconds), daemon=True).start()
         time.sleep(4.0)  # until the load has started
         before_s = server.cpu_s()
@@ -85,28 +74,16 @@ def five_clients(seconds: float) -> dict[str, float]:
         return {"five_clients_percent": 100.0 * (server.cpu_s() - before_s) / seconds}
 
 
-def main() -> int:
-    """Measure every part; with `--as`, run the measured server instead."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--seconds", type=float, default=10.0, help="measure each part for this long")
-    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
-    parser.add_argument("--as", dest="role", choices=("server",), help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.role == "server":
-        return serve()
-    figures = small_messages_to_foxglove(options.seconds)
-    peer = small_messages(options.seconds)["messages_per_cpu_s"]
-    figures.update(console_messages_per_cpu_s=peer, ratio_to_console=figures["messages_per_cpu_s"] / peer)
-    for part in (five_clients(options.seconds), idle(options.seconds, module=_MODULE, role="server")):
-        figures.update(part)
-    met = {name: (figures[name] >= limit) == (name in AT_LEAST) for name, limit in LIMITS.items()}
-    if options.json:
-        print(json.dumps({"figures": figures, "limits": LIMITS, "met": met}))
-    else:
-        for name, value in figures.items():
-            limit = f"  limit {LIMITS[name]:g}  {'ok' if met[name] else 'MISSED'}" if name in LIMITS else ""
-            print(f"{name:28} {value:10.1f}{limit}")
-    return 0 if all(met.values()) else 1
+@benchmark(
+    at_least={"messages_per_cpu_s": 15_000.0, "ratio_to_console": 1.0},
+    at_most={"five_clients_percent": 15.0, "idle_percent": 2.0, "idle_mb": 130.0},
+)
+def main(seconds: Seconds = 10.0) -> Figures:
+    """Measure every part, and small messages through the console."""
+    figures = small_messages_to_foxglove(seconds)
+    peer = small_messages(seconds)["messages_per_cpu_s"]
+    figures |= {"console_messages_per_cpu_s": peer, "ratio_to_console": figures["messages_per_cpu_s"] / peer}
+    return figures | five_clients(seconds) | idle(seconds, child_command(serve))
 
 
 if __name__ == "__main__":

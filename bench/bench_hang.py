@@ -1,19 +1,14 @@
 """What happens when a process of a simulated run hangs or is killed while the robot drives, for every process.
 
-    python -m bench.bench_hang [--signal STOP|KILL] [--source goal|teleop|mission|browser]
-        [--only REGEX] [--load N] [--json]
-
 Starts the stack with `lupin up`. For each process: let the robot drive, send the signal, and measure when the robot is at rest,
-when `lupin status` names the process and exits with an error, and when the process is replaced. Limits: at rest within 1.0 s
-(KILL: 0.35 s), named within 3 s, and replaced, unless the run or the mission ends with its process. A mission must then go on,
-or end with a reason. With `--source browser`, a client of the console drives, and only the console gets the signal (at rest
-within 0.5 s). Nothing replaces the supervisor: stopped, it gets SIGCONT after it was named; killed, it ends the run, so it is
-measured last, in a run of its own.
+when `lupin status` names the process and exits with an error, and when the process is replaced, unless the run or the mission
+ends with it. A mission must then go on, or end with a reason. With `--source browser`, a client of the console drives, and only
+the console gets the signal. Nothing replaces the supervisor: stopped, it gets SIGCONT after it was named; killed, it ends the
+run, so it is measured last, in a run of its own.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -26,11 +21,13 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from websockets.exceptions import ConnectionClosed
 
 from bench.detached_run import start_run, stop_run
+from bench.processes import busy_processes
+from bench.runner import Figures, Load, Only, World, benchmark, note
 from lupin_runtime import graph
 from lupin_runtime.console.description import read_description
 from lupin_runtime.stack.alarms import alarms
@@ -40,9 +37,6 @@ from tests.support.console_browser import Browser
 from tests.support.release_rig import ReleaseRig
 from tests.support.rosbridge_client import RosbridgeClient
 
-LIMIT_REST_S = {"STOP": 1.0, "KILL": 0.35}
-LIMIT_CONSOLE_REST_S = 0.5
-LIMIT_REPORTED_S = 3.0
 SUPERVISOR, CONSOLE = "supervisor", "console"
 # These are disturbed last: the run ends with the simulator, or with a killed supervisor, and the mission with its process.
 LAST, LAST_WITH_KILL = ("mission", SUPERVISOR, "sim"), ("mission", "sim", SUPERVISOR)
@@ -68,13 +62,6 @@ class Result:
     replaced_s: float | None
     consequence: str
     mission: str | None = None
-
-    def meets_limits(self, limit_rest_s: float, must_be_replaced: bool) -> bool:
-        """Return whether the robot came to rest in time, `lupin status` named the process in time, and the run then went on."""
-        rested = self.at_rest_s is not None and self.at_rest_s <= limit_rest_s
-        reported = self.reported_s is not None and self.reported_s <= LIMIT_REPORTED_S and self.status_exit != 0
-        replaced = self.replaced_s is not None or not must_be_replaced
-        return rested and reported and replaced and self.mission != ""
 
 
 def must_be_replaced(name: str, source: str) -> bool:
@@ -230,7 +217,7 @@ def measure_all(names: str, number: signal.Signals, source: str, world: str) -> 
                 run = run if run.is_live() else start_run(arguments)
                 rig = HangRig(run)
             results[name] = rig.disturb(name, number, source)
-            print(name, results[name], file=sys.stderr, flush=True)
+            note(name, asdict(results[name]))
             time.sleep(2.0)  # until the successor takes part in the run
         return results
     finally:
@@ -240,45 +227,26 @@ def measure_all(names: str, number: signal.Signals, source: str, world: str) -> 
             stop_run(run)
 
 
-def _seconds(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f} s"
-
-
-def main() -> int:
-    """Measure the chosen processes and print a table; return 1 if any does not meet the limits."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--signal", choices=sorted(LIMIT_REST_S), default="STOP", help="send this signal")
-    parser.add_argument(
-        "--source", choices=("goal", "teleop", "mission", "browser"), default="goal", help="let this source drive"
-    )
-    parser.add_argument("--world", default="walled", help="drive in this world of `lupin up --world`")
-    parser.add_argument("--only", default="", help="send signals only to processes whose name matches this regular expression")
-    parser.add_argument("--load", type=int, default=0, help="run this many busy processes at the same time")
-    parser.add_argument("--json", action="store_true", help="print one JSON line, and the table on standard error")
-    options = parser.parse_args()
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(options.load)]
-    try:
-        with tempfile.TemporaryDirectory(prefix="lupin-bench-") as folder:
-            os.environ["XDG_STATE_HOME"] = folder
-            results = measure_all(options.only, signal.Signals[f"SIG{options.signal}"], options.source, options.world)
-    finally:
-        for process in busy:
-            process.kill()
-    limit_s = LIMIT_CONSOLE_REST_S if options.source == "browser" else LIMIT_REST_S[options.signal]
-    failed = 0
-    headings = [f"{heading:>9s}" for heading in ("at rest", "reported", "status", "replaced")]
-    table = [f"{'process':12s} {' '.join(headings)}  consequence ({options.signal}, {options.source})"]
+@benchmark(
+    at_most={"STOP.*.at_rest_s": 1.0, "KILL.*.at_rest_s": 0.35, "browser.*.at_rest_s": 0.5, "reported_s": 3.0},
+    at_least={"status_exit": 1},
+)
+def main(
+    signal_: Annotated[str, "send this signal", ("KILL", "STOP")] = "STOP",
+    source: Annotated[str, "let this source drive", ("goal", "teleop", "mission", "browser")] = "goal",
+    world: World = "walled",
+    only: Only = "",
+    load: Load = 0,
+) -> Figures:
+    """Measure the chosen processes."""
+    with busy_processes(load), tempfile.TemporaryDirectory(prefix="lupin-bench-") as folder:
+        os.environ["XDG_STATE_HOME"] = folder
+        results = measure_all(only, signal.Signals[f"SIG{signal_}"], source, world)
+    rows = {}
     for name, result in results.items():
-        is_ok = result.meets_limits(limit_s, must_be_replaced(name, options.source))
-        failed += not is_ok
-        columns = (_seconds(result.at_rest_s), _seconds(result.reported_s), result.status_exit, _seconds(result.replaced_s))
-        row = " ".join(f"{column:>9}" for column in columns)
-        mission = "" if result.mission is None else f"; the mission: {result.mission or 'neither goes on nor ends'}"
-        table.append(f"{name:12s} {row}  {result.consequence}{mission}{'' if is_ok else '  FAILED'}")
-    print("\n".join(table), file=sys.stderr if options.json else sys.stdout)
-    if options.json:
-        print(json.dumps({name: asdict(result) for name, result in results.items()}))
-    return 1 if failed else 0
+        went_on = result.replaced_s is not None or not must_be_replaced(name, source)
+        rows[name] = {**asdict(result), "met": went_on and result.mission != ""}
+    return {signal_: {source: rows}}
 
 
 if __name__ == "__main__":

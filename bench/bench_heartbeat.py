@@ -1,37 +1,31 @@
 """CPU time of the heartbeats of a whole run, in percent of a core: the supervisor's thread, and all processes together.
 
-    python -m bench.bench_heartbeat [--seconds 10] [--json]
-
 The thread monitors as many processes as a simulated run with a mission and a console has. A process's share is the extra CPU
 time that it takes under a supervisor, because it then sends heartbeats, for which it wakes the executors of idle nodes. Most
 nodes have a timer, so their executors are never idle. That share is a small difference between two measurements, so a measured
-process does everything SPEED_UP times as often as in life. Limit: 1 %.
+process does everything SPEED_UP times as often as in life.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import json
 import os
 import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from functools import partial
-from pathlib import Path
 from unittest import mock
 
+from bench.processes import child_command, private_graph
+from bench.runner import Figures, Seconds, benchmark
 from lupin_runtime.heartbeat import MAX_BYTES, PROCESS_PERIOD_S, Beat, encode
-from lupin_runtime.stack.dds import claim_domain, loopback_environment
 from lupin_runtime.stack.liveness import Liveness
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.table import rows
 
-LIMIT_PERCENT = 1.0
 WARM_UP_S = 2.0
 REPETITIONS = 3
 SPEED_UP = 10
@@ -107,8 +101,7 @@ def measure_process(nodes: int, are_idle: bool, duration_s: float, environment: 
     used: dict[bool, list[float]] = {False: [], True: []}
     for is_supervised in [False, True] * REPETITIONS:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        command = [sys.executable, "-m", "bench.bench_heartbeat", "--child", str(nodes), "--seconds", str(duration_s)]
-        command += ["--idle"] * are_idle
+        command = child_command(run_child, nodes=nodes, are_idle=are_idle, duration_s=duration_s)
         reader = threading.Thread(target=_read_until_closed, args=(ours,))
         reader.start()
         with theirs:
@@ -132,37 +125,25 @@ def _read_until_closed(ours: socket.socket) -> None:
         pass
 
 
-def main() -> int:
-    """Measure and print the CPU time of each part; return 1 if their sum is above the limit."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=10.0, help="measure each process for this long")
-    parser.add_argument("--json", action="store_true", help="print only the JSON line")
-    parser.add_argument("--child", type=int, help=argparse.SUPPRESS)
-    parser.add_argument("--idle", action="store_true", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        return run_child(options.child, options.idle, options.seconds)
+@benchmark(at_most={"run_percent": 1.0})
+def main(seconds: Seconds = 10.0) -> Figures:
+    """Measure the CPU time of each part, and add them up for a whole run."""
     processes = [row for row in rows(Options(mission=True, console=True)) if row.sends_heartbeats and not row.external]
     nodes = round(sum(len(row.nodes) or 1 for row in processes) / len(processes))
-    thread_percent = measure_thread([row.commands_motion for row in processes], options.seconds)
-    claim = claim_domain()
-    try:
-        with tempfile.TemporaryDirectory(prefix="lupin-bench-") as folder:
-            environment = loopback_environment(claim.domain, Path(folder))
-            overhead_percent = measure_process(nodes, False, options.seconds, environment)
-            overhead_with_idle_nodes_percent = measure_process(nodes, True, options.seconds, environment)
-    finally:
-        claim.release()
-    wake_percent = max(0.0, overhead_with_idle_nodes_percent - overhead_percent) / nodes
-    total_percent = thread_percent + overhead_percent * len(processes) + wake_percent * IDLE_NODES
-    if not options.json:
-        print(f"the supervisor's thread, {len(processes)} processes    {thread_percent:6.3f} %")
-        print(f"the heartbeats of a process of {nodes} nodes  {overhead_percent:6.3f} %")
-        print(f"waking an idle node                      {wake_percent:6.3f} %")
-        print(f"a whole run, with {IDLE_NODES} idle nodes           {total_percent:6.3f} %  (limit {LIMIT_PERCENT:g} %)")
-    shares = {"thread": thread_percent, "process": overhead_percent, "idle_node": wake_percent, "run": total_percent}
-    print(json.dumps({f"{name}_percent": round(value, 4) for name, value in shares.items()}))
-    return 0 if total_percent <= LIMIT_PERCENT else 1
+    thread_percent = measure_thread([row.commands_motion for row in processes], seconds)
+    with private_graph() as environment:
+        process_percent = measure_process(nodes, False, seconds, environment)
+        with_idle_nodes_percent = measure_process(nodes, True, seconds, environment)
+    idle_node_percent = max(0.0, with_idle_nodes_percent - process_percent) / nodes
+    return {
+        "processes": len(processes),
+        "nodes_of_a_process": nodes,
+        "idle_nodes": IDLE_NODES,
+        "thread_percent": thread_percent,
+        "process_percent": process_percent,
+        "idle_node_percent": idle_node_percent,
+        "run_percent": thread_percent + process_percent * len(processes) + idle_node_percent * IDLE_NODES,
+    }
 
 
 if __name__ == "__main__":

@@ -2,25 +2,23 @@
 
 Several files of the user and the system with several keys of a type, hashed names, patterns, negation, markers, names without a
 port, HostKeyAlias, odd white space and malformed lines. `ssh` connects to a real sshd on loopback, with StrictHostKeyChecking.
-
-    python -m bench.bench_known_hosts [--count N] [--seed N] [--json]
 """
 
 from __future__ import annotations
 
-import argparse
 import base64
 import hmac
-import json
 import random
 import re
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from bench.bench_ssh import sshd
+from bench.runner import Count, Figures, Seed, benchmark, note
 from lupin_cli.connection.destination import Destination
 from lupin_cli.connection.host_keys import KnownHosts, Status
 from lupin_cli.connection.known_hosts_file import HostKey, entries_of
@@ -169,22 +167,14 @@ def compare(count: int, seed: int) -> tuple[dict[str, int], list[str]]:
     return decisions, differences
 
 
-def main() -> None:
-    """Compare, and print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=1000, help="generate this many sets of files")
-    parser.add_argument("--seed", type=int, default=1, help="begin the generator with this number")
-    parser.add_argument("--json", action="store_true", help="print one JSON line instead of text")
-    options = parser.parse_args()
-    decisions, differences = compare(options.count, options.seed)
-    if options.json:
-        print(json.dumps({"files": options.count, "decisions": decisions, "differences": len(differences)}))
-    else:
-        for each in differences[:20]:
-            print(each, end="\n\n")
-        print(f"{options.count} sets of files, of which ssh decided {decisions}: {len(differences)} differences")
-    raise SystemExit(1 if differences else 0)
+@benchmark(at_most={"differences": 0})
+def main(count: Count = 1000, seed: Seed = 1) -> Figures:
+    """Compare, and print the first differences."""
+    decisions, differences = compare(count, seed)
+    for each in differences[:20]:
+        note(f"{each}\n")
+    return {"files": count, "decisions": decisions, "differences": len(differences)}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

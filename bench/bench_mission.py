@@ -7,15 +7,20 @@ memory of all processes ≤ 1.2 GB, drivable after ≤ 6 s, READY after ≤ 12 s
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from bench.runner import Figures, benchmark, note
 
 TIMEOUT_S = 2400.0
-LIMIT_SHARE = 0.95
+WORLDS = ("demo", *(f"random:{seed}" for seed in range(1, 21)))
+SHOWN = (
+    *("state", "tags_read", "tags_reachable", "collisions", "trajectory_rmse_m", "tag_error_median_m", "real_time_factor"),
+    *("memory_mb", "drivable_s", "ready_s"),
+)
 
 
 def run_mission(world: str) -> dict[str, Any]:
@@ -44,26 +49,18 @@ def meets_limits(result: dict[str, Any]) -> bool:
     )
 
 
-def main() -> int:
-    """Run a mission in every world and print its scores; return 1 if fewer than 19 of 20 missions are within the limits."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    worlds = ["demo", *(f"random:{seed}" for seed in range(1, 21))]
-    parser.add_argument("worlds", nargs="*", default=worlds, help="worlds to run; default: demo and random:1 to 20")
-    results = []
-    columns = (
-        "tags_read tags_reachable collisions trajectory_rmse_m tag_error_median_m real_time_factor memory_mb drivable_s ready_s"
-    )
-    print(f"{'world':12s} {'state':9s} {columns}", flush=True)
-    for world in parser.parse_args().worlds:
+@benchmark(at_least={"share_within_limits": 0.95}, long=True)
+def main(*worlds: Annotated[str, "worlds to drive in; default: demo and random:1 to 20"]) -> Figures:
+    """Run a mission in every world."""
+    missions: dict[str, dict[str, Any]] = {}
+    within_limits = 0
+    for world in worlds or WORLDS:
         result = run_mission(world)
-        results.append(result)
-        cells = "  ".join(
-            f"{value:.3f}" if isinstance(value := result.get(name), float) else str(value) for name in columns.split()
-        )
-        print(f"{world:12s} {result['state']:9s} {cells}  {'ok' if meets_limits(result) else 'MISSED'}", flush=True)
-    count = sum(map(meets_limits, results))
-    print(json.dumps({"within_limits": count, "missions": len(results), "limit": "19 of 20", "results": results}))
-    return 0 if count >= LIMIT_SHARE * len(results) else 1
+        is_within = meets_limits(result)
+        within_limits += is_within
+        missions[world] = {**{name: result.get(name) for name in SHOWN}, "within_limits": is_within}
+        note(world, missions[world])
+    return {"missions": missions, "within_limits": within_limits, "share_within_limits": within_limits / len(missions)}
 
 
 if __name__ == "__main__":

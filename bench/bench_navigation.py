@@ -5,13 +5,14 @@ Passes if every goal is reached without a collision. The driven distance is comp
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
+import sys
 import time
+from typing import Annotated
 
 import numpy as np
 
+from bench.runner import Figures, benchmark
 from lupin_runtime.geometry import Pose2
 from tests.support.kinematic_base import HALF_LENGTH_M, HALF_WIDTH_M, Arena, Drive, random_arena
 
@@ -34,17 +35,14 @@ def footprint_clearance_m(arena: Arena, track: list[Pose2]) -> float:
     return smallest
 
 
-def main() -> int:
-    """Drive to random goals in every arena; return 1 after a collision or a goal that was not reached."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
-    parser.add_argument("--worlds", dest="arenas", type=int, default=20, metavar="N", help="drive in this many arenas")
-    arguments = parser.parse_args()
+@benchmark(at_most={"collisions": 0, "not_reached": 0})
+def main(worlds: Annotated[int, "drive in this many arenas"] = 20) -> Figures:
+    """Drive to random goals in every arena."""
     began = time.process_time()
     collisions = reached = sent = log_lines = 0
     driven_m = simulated_s = straight_m = 0.0
     errors, clearances = [], []
-    for seed in range(arguments.arenas):
+    for seed in range(worlds):
         arena = random_arena(seed)
         drive = Drive(arena, Pose2(0.45, 0.45, 0.0), drift=0.02, seed=seed)
         costmap, random = drive.world.snapshot(None), np.random.default_rng(seed)
@@ -64,28 +62,23 @@ def main() -> int:
         simulated_s += drive.now_s
         clearances.append(footprint_clearance_m(arena, drive.track))
     median = np.median(errors, axis=0)
-    result = {
-        "arenas": arguments.arenas,
+    return {
+        "arenas": worlds,
         "goals": sent,
         "reached": reached,
+        "not_reached": sent - reached,
         "collisions": collisions,
-        "smallest_clearance_m": round(min(clearances), 3),
+        "smallest_clearance_m": min(clearances),
         "log_lines": log_lines,
-        "driven_m": round(driven_m, 1),
-        "mean_speed_m_s": round(driven_m / simulated_s, 3),
-        "driven_over_straight": round(driven_m / straight_m, 3),
-        "error_median_m": round(float(median[0]), 4),
-        "error_median_rad": round(float(median[1]), 4),
-        "error_worst_m": round(max(e[0] for e in errors), 3),
-        "cpu_s_per_simulated_s": round((time.process_time() - began) / simulated_s, 4),
+        "driven_m": driven_m,
+        "mean_speed_m_s": driven_m / simulated_s,
+        "driven_over_straight": driven_m / straight_m,
+        "error_median_m": float(median[0]),
+        "error_median_rad": float(median[1]),
+        "error_worst_m": max(e[0] for e in errors),
+        "cpu_s_per_simulated_s": (time.process_time() - began) / simulated_s,
     }
-    if arguments.json:
-        print(json.dumps(result))
-    else:
-        for name, value in result.items():
-            print(f"{name:24} {value}")
-    return 0 if collisions == 0 and reached == sent else 1
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

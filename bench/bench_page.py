@@ -1,7 +1,5 @@
 """The page in Chromium: its size, how fast it opens, frames, scripting, memory, the stop, the stick, and the run beside it.
 
-    python -m bench.bench_page [--seconds 60] [--only REGEX] [--world demo] [--json]
-
 `load` opens the page of a run in new browsers. `stop` moves the stick, and presses the stop while a key drives: times are from
 the event in the browser to the sink. `map` and `scene` watch a mission on the map from above and in 3-D; the simulator's pace
 and the memory of all processes but the browser are measured too. The browser has the lowest priority: it takes only what the
@@ -11,7 +9,6 @@ presses the stop 60 times.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -24,32 +21,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from bench.detached_run import start_run, stop_run
+from bench.detached_run import detached_run
+from bench.processes import spinning_node
+from bench.runner import Figures, Only, Seconds, World, benchmark
 from lupin_runtime import graph
 from lupin_runtime.console.description import read_description
+from lupin_runtime.ros import LupinNode
 from lupin_runtime.stack.runs import Run
 from lupin_runtime.stack.usage import descendants_by_pid, memory_mb
 from tools.build_page import PAGE, WEB, find_chromium, install_packages, node_path
 
-LIMITS = {
-    "before_3d_kb": 280.0,
-    "scene_chunk_kb": 320.0,
-    "first_paint_ms": 1000.0,
-    "interactive_ms": 1500.0,
-    "map_fps": 30.0,
-    "map_scripting_percent": 30.0,
-    "map_heap_growth_mb": 5.0,
-    "scene_fps": 30.0,
-    "scene_scripting_percent": 30.0,
-    "scene_heap_growth_mb": 5.0,
-    "stop_to_sink_p99_ms": 100.0,
-    "stick_to_sink_median_ms": 80.0,
-    "map_real_time_factor": 0.995,  # 1.0 to two places
-    "scene_real_time_factor": 0.995,
-    "map_run_mb": 1200.0,
-    "scene_run_mb": 1200.0,
-}
-AT_LEAST = ("map_fps", "scene_fps", "map_real_time_factor", "scene_real_time_factor")
 _SCENE_CHUNK = re.compile(r"map_scene-[\w-]+\.js")
 _PROBE_MARGIN_S = 180.0
 _MOVING_TIMEOUT_S = 60.0
@@ -168,19 +149,9 @@ def wait_for_motion(run: Run) -> None:
 class Sink:
     """Records when the sink changed between zero and motion, in ms of the wall clock, which the browser's events have too."""
 
-    def __init__(self) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-
-        from lupin_runtime.ros import LupinNode
-
-        rclpy.init(args=[])
+    def __init__(self, node: LupinNode) -> None:
         self.changes: list[tuple[float, bool]] = []  # time, and whether the sink moves from then on
-        self._node = LupinNode("bench_page")
-        self._node.subscription(graph.CMD_VEL_SINK_SIM, self._receive)
-        executor = SingleThreadedExecutor()
-        executor.add_node(self._node)
-        threading.Thread(target=executor.spin, daemon=True).start()
+        node.subscription(graph.CMD_VEL_SINK_SIM, self._receive)
 
     def _receive(self, message: Any) -> None:
         moves = bool(message.linear.x or message.linear.y or message.angular.z)
@@ -201,8 +172,9 @@ class Sink:
 
 def stop(run: Run, seconds: float) -> dict[str, float]:
     """Return how fast the sink follows the stop and the stick of a browser."""
-    sink = Sink()
-    noted = probe("stop", run, seconds)
+    with spinning_node("bench_page") as node:
+        sink = Sink(node)
+        noted = probe("stop", run, seconds)
     stops, sticks = sink.answers_ms(noted["presses"], False), sink.answers_ms(noted["moves"], True)
     return {
         "presses": len(stops),
@@ -212,41 +184,39 @@ def stop(run: Run, seconds: float) -> dict[str, float]:
     }
 
 
-def main() -> int:
-    """Measure the parts; return 1 if a limit is missed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="measure each part for this long")
-    parser.add_argument("--only", default="", help="measure only the parts whose name matches this regular expression")
-    parser.add_argument("--world", default="demo", help="drive in this world of `lupin up --world`")
-    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
-    options = parser.parse_args()
-    parts = [name for name in ("size", "load", "stop", "map", "scene") if re.search(options.only, name)]
+@benchmark(
+    at_most={
+        "before_3d_kb": 280.0,
+        "scene_chunk_kb": 320.0,
+        "first_paint_ms": 1000.0,
+        "interactive_ms": 1500.0,
+        "map_scripting_percent": 30.0,
+        "map_heap_growth_mb": 5.0,
+        "scene_scripting_percent": 30.0,
+        "scene_heap_growth_mb": 5.0,
+        "stop_to_sink_p99_ms": 100.0,
+        "stick_to_sink_median_ms": 80.0,
+        "map_run_mb": 1200.0,
+        "scene_run_mb": 1200.0,
+    },
+    # Factors of 1, to two places.
+    at_least={"map_fps": 30.0, "scene_fps": 30.0, "map_real_time_factor": 0.995, "scene_real_time_factor": 0.995},
+)
+def main(seconds: Seconds = 60.0, only: Only = "", world: World = "demo") -> Figures:
+    """Measure the parts `size`, `load`, `stop`, `map` and `scene`."""
+    parts = [name for name in ("size", "load", "stop", "map", "scene") if re.search(only, name)]
     figures: dict[str, float] = size() if "size" in parts else {}
     if {"load", "stop"} & set(parts):
-        run = start_run(["--world", options.world, "--no-record"])
-        try:
+        with detached_run(["--world", world, "--no-record"]) as run:
             figures |= load(run) if "load" in parts else {}
-            figures |= stop(run, options.seconds) if "stop" in parts else {}
-        finally:
-            stop_run(run)
+            figures |= stop(run, seconds) if "stop" in parts else {}
     if {"map", "scene"} & set(parts):
-        run = start_run(["--world", options.world, "--mission", "--sweeps", "0"])  # a mission of any length
-        try:
+        with detached_run(["--world", world, "--mission", "--sweeps", "0"]) as run:  # a mission of any length
             for part in ("map", "scene"):
                 if part in parts:
                     wait_for_motion(run)
-                    figures |= watch(run, part, options.seconds)
-        finally:
-            stop_run(run)
-    met = {name: (figures[name] >= limit) == (name in AT_LEAST) for name, limit in LIMITS.items() if name in figures}
-    if options.json:
-        print(json.dumps({"figures": figures, "limits": LIMITS, "met": met}))
-    else:
-        for name, value in figures.items():
-            limit = f"  limit {LIMITS[name]:g}  {'ok' if met[name] else 'MISSED'}" if name in met else ""
-            print(f"{name:28} {value:10.1f}{limit}")
-    sys.stdout.flush()
-    os._exit(0 if all(met.values()) else 1)  # the node's thread may be in a wait set
+                    figures |= watch(run, part, seconds)
+    return figures
 
 
 if __name__ == "__main__":

@@ -5,15 +5,12 @@ is pasted as it was printed, questions are answered with yes, and the doctor run
 and it exited with 0, or with the status of the state that it only shows; it helps if its finding is gone afterwards. Findings
 that a person mends by hand have no command, but a text.
 
-    python -m bench.bench_pasted [--only PATTERN] [--record FILE] [--json]
-
 `--record` writes the terminal sessions as an asciicast. Needs root, as the tests on booted hosts do. The laptop has no systemd
 of its own, so what is mended in its services is pasted by a test on one that has.
 """
 
 from __future__ import annotations
 
-import argparse
 import fnmatch
 import json
 import os
@@ -25,13 +22,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Annotated, Any, TextIO
 
 from bench.fault_case import FaultCase
 from bench.fault_rig import FaultRig, RigError
 from bench.fault_table import CASES
+from bench.runner import Figures, Patterns, benchmark, note
 from lupin_sim.host import HostError
 from lupin_sim.host.host import PROJECT
 
@@ -225,7 +223,7 @@ def measure(rig: FaultRig, case: FaultCase, recording: Recording) -> tuple[Paste
     return result, ""
 
 
-def run(cases: Sequence[FaultCase], recording: Recording, json_lines: bool) -> list[PasteResult]:
+def run(cases: Sequence[FaultCase], recording: Recording) -> list[PasteResult]:
     """Measure the cases on one host, which is replaced if it does not recover."""
     results: list[PasteResult] = []
     rig: FaultRig | None = None
@@ -236,9 +234,9 @@ def run(cases: Sequence[FaultCase], recording: Recording, json_lines: bool) -> l
                 rig.wait_until_healthy()
             result, recovery_error = measure(rig, case, recording)
             results.append(result)
-            print(json.dumps(asdict(result)) if json_lines else line_of(result), flush=True)
+            note(line_of(result))
             if recovery_error:
-                print(f"  a new host: {recovery_error}", file=sys.stderr, flush=True)
+                note(f"  a new host: {recovery_error}")
                 rig.stop()
                 rig = None
     finally:
@@ -259,27 +257,23 @@ def line_of(result: PasteResult) -> str:
     return f"{mark}  {result.fault}: {result.command}  -> {result.status}, {gone}{failed}"
 
 
-def main() -> int:
-    """Paste the commands; return 1 if one did not work."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--only", action="append", metavar="PATTERN", help="only faults with these names; may be repeated")
-    parser.add_argument("--record", type=Path, help="write the terminal sessions as an asciicast")
-    parser.add_argument("--json", action="store_true", help="print one JSON line for each fault")
-    options = parser.parse_args()
-    patterns = options.only or ["*"]
-    cases = [
-        case
-        for case in CASES
-        if case.name not in OF_SERVICES and any(fnmatch.fnmatchcase(case.name, pattern) for pattern in patterns)
-    ]
-    results = run(cases, Recording(options.record), options.json)
+@benchmark(at_most={"failed": 0, "errors": 0}, long=True)
+def main(only: Patterns = (), record: Annotated[Path | None, "write the terminal sessions as an asciicast"] = None) -> Figures:
+    """Paste the commands."""
+    patterns = only or ("*",)
+    named = [case for case in CASES if any(fnmatch.fnmatchcase(case.name, pattern) for pattern in patterns)]
+    results = run([case for case in named if case.name not in OF_SERVICES], Recording(record))
     for fault in OF_SERVICES:
-        print(f"{fault}: needs a laptop with its own systemd: {OF_SERVICES[fault]}", file=sys.stderr)
+        note(f"{fault}: needs a laptop with its own systemd: {OF_SERVICES[fault]}")
     pasted = [result for result in results if result.status is not None]
-    failed = [result for result in pasted if not result.works]
-    gone = sum(result.gone is True for result in pasted)
-    print(f"{len(results)} faults: {len(pasted)} commands pasted, {len(failed)} failed, {gone} findings gone", file=sys.stderr)
-    return 1 if failed or any(result.error for result in results) else 0
+    return {
+        "faults": {each.fault: {"status": each.status, "gone": each.gone, "command": each.command} for each in results},
+        "measured": len(results),
+        "pasted": len(pasted),
+        "failed": sum(not result.works for result in pasted),
+        "errors": sum(bool(result.error) for result in results),
+        "findings_gone": sum(result.gone is True for result in pasted),
+    }
 
 
 if __name__ == "__main__":

@@ -1,18 +1,18 @@
 """The recorder under the load of a mission: CPU time and lost messages, compared with a recorder that uses callbacks.
 
-Limit: 8 % of a core. Another process publishes the recorded topics at the rates of a mission in the simulator, with messages of
-realistic size. Lost messages are counted on the topics of which every message is to be recorded.
+Another process publishes the recorded topics at the rates of a mission in the simulator, with messages of realistic size. Lost
+messages are counted on the topics of which every message is to be recorded.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,12 +20,12 @@ from typing import Any
 
 import psutil
 
+from bench.processes import child_command, private_graph, terminate
+from bench.runner import Figures, Seconds, benchmark
 from lupin_runtime import graph
 from lupin_runtime.record.reader import Recording
 from lupin_runtime.record.recorded_topics import STANDARD, camera_topics
-from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
-LIMIT_PERCENT = 8.0
 WARM_UP_S = 4.0  # until both processes have started and the load is published
 START_DELAY_S = 1.0  # the load is published only after this, when its publishers are matched; part of WARM_UP_S
 END_MARGIN_S = 1.0  # CPU time is measured until this long before the load ends
@@ -154,72 +154,47 @@ def record(output: str, with_callbacks: bool) -> int:
     return run([CallbackRecorder])
 
 
-def measure(role: str, seconds: float, folder: Path) -> dict[str, Any]:
-    """Measure one of the recorders, `recorder` or `callbacks`, under the load in a separate DDS domain."""
-    claim = claim_domain()
-    environment = loopback_environment(claim.domain, folder)
-    output = folder / f"{role}.mcap"
-    command = [sys.executable, "-m", "bench.bench_record"]
-    recorder = psutil.Popen([*command, "--as", role, "--output", str(output)], env=environment, stderr=subprocess.DEVNULL)
-    load = psutil.Popen(
-        [*command, "--as", "load", "--seconds", str(seconds + WARM_UP_S)], env=environment, stdout=subprocess.PIPE
-    )
-    try:
+def measure(seconds: float, with_callbacks: bool) -> dict[str, Any]:
+    """Measure one of the recorders under the load, on a private graph."""
+    with private_graph() as environment, tempfile.TemporaryDirectory() as folder, ExitStack() as exits:
+        output = Path(folder) / "record.mcap"
+        record_command = child_command(record, output=str(output), with_callbacks=with_callbacks)
+        process = subprocess.Popen(record_command, env=environment, stderr=subprocess.DEVNULL)
+        exits.callback(terminate, process, 20.0)
+        load_command = child_command(publish, seconds=seconds + WARM_UP_S)
+        load = subprocess.Popen(load_command, env=environment, stdout=subprocess.PIPE)
+        exits.callback(terminate, load)
+        recorder = psutil.Process(process.pid)
         time.sleep(WARM_UP_S)
         before, started = recorder.cpu_times(), time.monotonic()
         time.sleep(seconds - END_MARGIN_S)
         after, wall_s = recorder.cpu_times(), time.monotonic() - started
         memory_mb = recorder.memory_full_info().pss / 1e6
         sent = json.loads(load.communicate(timeout=60)[0])
-        recorder.terminate()
-        recorder.wait(20)
-    finally:
-        for process in (recorder, load):
-            if process.is_running():
-                process.kill()
-        claim.release()
-    recorded = {topic.channel.topic: topic.messages for topic in Recording(output).summary().topics}
+        terminate(process, 20.0)
+        summary, size_mb = Recording(output).summary(), output.stat().st_size / 1e6
+    recorded = {topic.channel.topic: topic.messages for topic in summary.topics}
     in_full = [row.topic.name for row in RECORDED if row.max_rate_hz is None and row.topic.name in sent]
     used_s = (after.user + after.system) - (before.user + before.system)
     return {
-        "cpu_percent": round(100.0 * used_s / wall_s, 2),
-        "memory_mb": round(memory_mb, 1),
+        "cpu_percent": 100.0 * used_s / wall_s,
+        "memory_mb": memory_mb,
         "sent": sum(sent.values()),
         "sent_on_topics_recorded_in_full": sum(sent[name] for name in in_full),
         "lost": sum(sent[name] - recorded.get(name, 0) for name in in_full),
-        "megabytes": round(output.stat().st_size / 1e6, 2),  # of the file
+        "megabytes": size_mb,  # of the file
     }
 
 
-def main() -> int:
-    """Measure both recorders under load; return 1 if Lupin's exceeds the limit. With `--as`, run only one of the processes."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=20.0, help="measure each recorder for this long")
-    parser.add_argument("--json", action="store_true", help="print only the JSON line")
-    parser.add_argument("--as", dest="role", choices=("load", "recorder", "callbacks"), help=argparse.SUPPRESS)
-    parser.add_argument("--output", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.role == "load":
-        return publish(options.seconds)
-    if options.role:
-        return record(options.output, options.role == "callbacks")
-    with tempfile.TemporaryDirectory() as folder:
-        ours, callbacks = (measure(role, options.seconds, Path(folder)) for role in ("recorder", "callbacks"))
-    result = {
-        "recorder": ours,
-        "callback_recorder": callbacks,
-        "messages_per_s": round(ours["sent"] / (options.seconds + WARM_UP_S - START_DELAY_S)),
-        "limit_percent": LIMIT_PERCENT,
-        "ratio_to_limit": round(ours["cpu_percent"] / LIMIT_PERCENT, 2),
-        "ratio_to_callback_recorder": round(ours["cpu_percent"] / callbacks["cpu_percent"], 2),
+@benchmark(at_most={"recorder.cpu_percent": 8.0})
+def main(seconds: Seconds = 20.0) -> Figures:
+    """Measure both recorders under load."""
+    ours, callbacks = (measure(seconds, with_callbacks) for with_callbacks in (False, True))
+    return {
+        "recorders": {"recorder": ours, "callback_recorder": callbacks},
+        "messages_per_s": ours["sent"] / (seconds + WARM_UP_S - START_DELAY_S),
+        "ratio_to_callback_recorder": ours["cpu_percent"] / callbacks["cpu_percent"],
     }
-    if not options.json:
-        for name, row in (("recorder", ours), ("callback_recorder", callbacks)):
-            lost = f"{row['lost']} of {row['sent_on_topics_recorded_in_full']} messages lost on topics recorded in full"
-            print(f"{name}: {row['cpu_percent']} % of a core, {row['memory_mb']} MB, {lost}")
-        print(f"{result['messages_per_s']} messages/s, ratio to limit {result['ratio_to_limit']}")
-    print(json.dumps(result))
-    return 0 if ours["cpu_percent"] <= LIMIT_PERCENT else 1
 
 
 if __name__ == "__main__":

@@ -4,27 +4,26 @@ All use the same sshd (on loopback, with its own port and keys), run the same fo
 `batch` opens a connection in each round, as a command of Lupin does, and so does `ssh_shared_each`, whose ssh processes share
 it. `paramiko_exec_each` has the advantage of a connection that stays open; `ssh_each` has the disadvantage of opening forty.
 The baseline, `local_baseline`, runs the forty scripts in parallel in local shells, without SSH and without time limits.
-
-    python -m bench.bench_ssh [--probes N] [--rounds N] [--json]
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import json
 import os
 import shutil
 import socket
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Annotated
 
 import paramiko
 
+from bench.runner import Figures, Rounds, benchmark
 from lupin_cli.connection.base import Script
 from lupin_cli.connection.destination import Destination
 from lupin_cli.connection.host_keys import KnownHosts
@@ -149,14 +148,10 @@ class Methods:
         self._client.close()
 
 
-def main() -> None:
-    """Time all methods and print the medians."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--probes", type=int, default=40, help="run this many scripts")
-    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this many times")
-    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
-    options = parser.parse_args()
-    scripts = [SCRIPTS[n % len(SCRIPTS)] for n in range(options.probes)]
+@benchmark()
+def main(probes: Annotated[int, "run this many scripts"] = 40, rounds: Rounds = 5) -> Figures:
+    """Time all methods, and return the medians."""
+    scripts = [SCRIPTS[n % len(SCRIPTS)] for n in range(probes)]
     with tempfile.TemporaryDirectory() as name, sshd(Path(name)) as port:
         methods = Methods(Path(name), port, scripts)
         timed: list[Callable[[], list[str]]] = [
@@ -168,7 +163,7 @@ def main() -> None:
         ]
         expected = methods.local_baseline()
         times_s: dict[str, list[float]] = {method.__name__: [] for method in timed}
-        for _ in range(options.rounds):  # round-robin, so that other load of this machine affects all methods alike
+        for _ in range(rounds):  # round-robin, so that other load of this machine affects all methods alike
             for method in timed:
                 start = time.perf_counter()
                 outputs = method()
@@ -177,19 +172,9 @@ def main() -> None:
                     raise SystemExit(f"{method.__name__} returned different outputs")
         methods.close()
     median_s = {name: statistics.median(each) for name, each in times_s.items()}
-    result = {
-        "probes": options.probes,
-        "rounds": options.rounds,
-        "median_s": {name: round(value, 3) for name, value in median_s.items()},
-        "speedup_of_batch": {name: round(value / median_s["batch"], 1) for name, value in median_s.items() if name != "batch"},
-    }
-    if options.json:
-        print(json.dumps(result))
-        return
-    print(f"{'method':20} {'median':>9}   {'/ batch':>8}")
-    for name, value in median_s.items():
-        print(f"{name:20} {value:7.3f} s   {value / median_s['batch']:6.1f} x")
+    rows = {name: {"median_s": value, "speedup_of_batch": value / median_s["batch"]} for name, value in median_s.items()}
+    return {"probes": probes, "rounds": rounds, "methods": rows}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

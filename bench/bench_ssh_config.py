@@ -3,20 +3,18 @@
 Host and Match blocks, includes in includes, negation, quotation marks, comments after values, odd white space, unknown options
 with IgnoreUnknown, tokens, wrong values. Lupin answers twice: by its own reader, which it uses without an ssh client, and by
 ssh with copies of the files.
-
-    python -m bench.bench_ssh_config [--count N] [--seed N] [--json]
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import random
 import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
+from bench.runner import Count, Figures, Seed, benchmark, note
 from lupin_cli.connection import ssh_client, ssh_config
 from lupin_cli.connection.base import SshConfigUnusable
 
@@ -208,26 +206,16 @@ def compare(count: int, seed: int) -> tuple[int, list[str]]:
     return resolved, differences
 
 
-def main() -> None:
-    """Compare, and print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=5000, help="generate this many configurations")
-    parser.add_argument("--seed", type=int, default=1, help="begin the generator with this number")
-    parser.add_argument("--json", action="store_true", help="print one JSON line instead of text")
-    options = parser.parse_args()
+@benchmark(at_most={"differences": 0})
+def main(count: Count = 5000, seed: Seed = 1) -> Figures:
+    """Compare, and print the first differences."""
     if shutil.which("ssh") is None:
         raise SystemExit("not measured: ssh is not installed; apt install openssh-client")
-    resolved, differences = compare(options.count, options.seed)
-    if options.json:
-        print(json.dumps({"configurations": options.count, "resolved": resolved, "differences": len(differences)}))
-    else:
-        for each in differences[:20]:
-            print(each, end="\n\n")
-        print(
-            f"{options.count} configurations, {resolved} of them resolved, the others refused: {len(differences)} differences"
-        )
-    raise SystemExit(1 if differences else 0)
+    resolved, differences = compare(count, seed)
+    for each in differences[:20]:
+        note(f"{each}\n")
+    return {"configurations": count, "resolved": resolved, "refused": count - resolved, "differences": len(differences)}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

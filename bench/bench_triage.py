@@ -4,15 +4,11 @@ An injected fault is found if its finding is reported, as a root cause or as a c
 cause is a false positive. Then `--fix` plays the safe fixes, and with `--yes` also those that ask for confirmation. The faults
 are healed if the doctor afterwards reports only findings for which no fix was played.
 
-    python -m bench.bench_triage [--only PATTERN] [--pairs N | --together N] [--healthy N]
-                                   [--seed N] [--yes] [--log FILE] [--json]
-
 Needs root, as the tests on booted hosts do. All faults are injected into one host, which is replaced if it does not recover.
 """
 
 from __future__ import annotations
 
-import argparse
 import fnmatch
 import json
 import random
@@ -25,11 +21,12 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, fields
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from bench.fault_case import FaultCase
 from bench.fault_rig import FaultRig, RigError
 from bench.fault_table import CASES
+from bench.runner import Figures, LimitS, Log, Patterns, Seed, append_to_log, benchmark, note
 from lupin_cli.exit_codes import SUCCESS, UNREACHABLE
 from lupin_sim.host import HostError
 
@@ -242,98 +239,8 @@ def count_results(results: Sequence[FaultResult]) -> dict[str, Any]:
         "errors": sum(bool(result.error) for result in results),
         "fix_attempted": len(fix_attempted),
         "healed": sum(bool(result.healed) for result in fix_attempted),
+        "not_healed": sum(not result.healed for result in fix_attempted),
     }
-
-
-def main() -> int:
-    """Inject the chosen faults, diagnose and fix them, and print a summary; return 1 if anything went wrong."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "--only",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="use only the faults whose name matches this shell pattern; may be repeated",
-    )
-    parser.add_argument("--no-singles", action="store_true", help="do not inject each fault alone")
-    parser.add_argument("--pairs", type=int, default=0, metavar="N", help="inject N random pairs of faults")
-    parser.add_argument(
-        "--together", type=int, default=0, metavar="N", help="cover every pair by injecting up to N faults at a time"
-    )
-    parser.add_argument("--healthy", type=int, default=0, metavar="N", help="diagnose the healthy robot N times")
-    parser.add_argument(
-        "--beside", type=int, default=1, metavar="N", help="diagnose the healthy robot with N doctors at the same time"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random pairs and combinations")
-    parser.add_argument("--yes", action="store_true", help="also play the fixes that ask for confirmation")
-    parser.add_argument("--limit-s", type=float, default=3300.0, help="inject no more faults after this many seconds")
-    parser.add_argument(
-        "--log", type=Path, help="append each result as a JSON line; --together skips the pairs that its results already cover"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON line on standard output, and all else on standard error"
-    )
-    options = parser.parse_args()
-    began = time.monotonic()
-    chosen = [case for case in CASES if not options.only or any(fnmatch.fnmatch(case.name, only) for only in options.only)]
-    possible_pairs = compatible_pairs(chosen)
-    pairs = random.Random(options.seed).sample(possible_pairs, min(options.pairs, len(possible_pairs)))
-    covered = covered_pairs_of_log(options.log, chosen)
-    larger = plan_combinations(chosen, options.together, options.seed, covered) if options.together else []
-    plan: list[tuple[FaultCase, ...]] = [*([] if options.no_singles else [(case,) for case in chosen]), *pairs, *larger]
-    singles: list[FaultResult] = []
-    combined: list[FaultResult] = []
-    healthy_reports: list[dict[str, Any]] = []
-    output, reboots = sys.stderr if options.json else sys.stdout, 0
-    rig = start_rig()
-    try:
-        for cases in plan:
-            if time.monotonic() - began > options.limit_s:
-                print(f"--limit-s is over; not injected: {len(plan) - len(singles) - len(combined)}", file=output, flush=True)
-                break
-            result, recovery_error = measure(rig, cases, options.yes)
-            (singles if len(cases) == 1 else combined).append(result)
-            covered |= covered_pairs(result, cases)
-            print(format_line(result), file=output, flush=True)
-            append_to_log(options.log, asdict(result) | {"recovery_error": recovery_error})
-            if recovery_error:
-                print(f"  booting a new host: {recovery_error}", file=output, flush=True)
-                reboots += 1
-                rig.stop()
-                rig = start_rig()
-        if options.healthy:
-            healthy_reports = diagnose_healthy(
-                rig, options.healthy, options.beside, lambda report: append_to_log(options.log, report)
-            )
-    finally:
-        rig.stop()
-    wrong_healthy_reports = [report for report in healthy_reports if report["status"] != SUCCESS]
-    for report in wrong_healthy_reports:
-        details = f"{report['findings']} {report['unknown']} {report['broken']}"
-        print(f"the doctor exited with {report['status']} although the robot is healthy: {details}", file=output)
-    summary = {
-        "faults": len(chosen),
-        "alone": count_results(singles),
-        "pairs_possible": len(possible_pairs),
-        "pairs_covered": len(covered),
-        "combined": count_results(combined),
-        "healthy_reports": len(healthy_reports),
-        "healthy_with_findings": sum(bool(report["findings"]) for report in healthy_reports),
-        "healthy_with_gaps": sum(bool(report["unknown"] or report["broken"]) for report in healthy_reports),
-        "healthy_median_s": round(statistics.median(r["took_s"] for r in healthy_reports), 2) if healthy_reports else None,
-        "reboots": reboots,
-        "minutes": round((time.monotonic() - began) / 60.0, 1),
-    }
-    print(json.dumps(summary) if options.json else json.dumps(summary, indent=2))
-    results_ok = all(result.correct and result.healed is not False for result in (*singles, *combined))
-    return 0 if results_ok and not wrong_healthy_reports else 1
-
-
-def append_to_log(log: Path | None, entry: dict[str, Any]) -> None:
-    """Append a JSON line to the log, if there is one: the results of an interrupted benchmark are not lost."""
-    if log is not None:
-        with log.open("a") as file:
-            file.write(json.dumps(entry) + "\n")
 
 
 def start_rig() -> FaultRig:
@@ -345,6 +252,70 @@ def start_rig() -> FaultRig:
         rig.stop()
         raise
     return rig
+
+
+@benchmark(at_most=dict.fromkeys(("missed", "false_positives", "errors", "not_healed", "healthy_wrong"), 0), long=True)
+def main(
+    only: Patterns = (),
+    no_singles: Annotated[bool, "do not inject each fault alone"] = False,
+    pairs: Annotated[int, "inject this many random pairs of faults"] = 0,
+    together: Annotated[int, "cover every pair that --log does not have by injecting up to this many faults at a time"] = 0,
+    healthy: Annotated[int, "diagnose the healthy robot this many times"] = 0,
+    beside: Annotated[int, "diagnose the healthy robot with this many doctors at the same time"] = 1,
+    seed: Seed = 0,
+    yes: Annotated[bool, "also play the fixes that ask for confirmation"] = False,
+    limit_s: LimitS = 3300.0,
+    log: Log = None,
+) -> Figures:
+    """Inject the chosen faults, diagnose and fix them."""
+    began = time.monotonic()
+    chosen = [case for case in CASES if not only or any(fnmatch.fnmatch(case.name, pattern) for pattern in only)]
+    possible_pairs = compatible_pairs(chosen)
+    drawn = random.Random(seed).sample(possible_pairs, min(pairs, len(possible_pairs)))
+    covered = covered_pairs_of_log(log, chosen)
+    larger = plan_combinations(chosen, together, seed, covered) if together else []
+    plan: list[tuple[FaultCase, ...]] = [*([] if no_singles else [(case,) for case in chosen]), *drawn, *larger]
+    singles: list[FaultResult] = []
+    combined: list[FaultResult] = []
+    healthy_reports: list[dict[str, Any]] = []
+    reboots = 0
+    rig = start_rig()
+    try:
+        for cases in plan:
+            if time.monotonic() - began > limit_s:
+                note(f"--limit-s is over; not injected: {len(plan) - len(singles) - len(combined)}")
+                break
+            result, recovery_error = measure(rig, cases, yes)
+            (singles if len(cases) == 1 else combined).append(result)
+            covered |= covered_pairs(result, cases)
+            note(format_line(result))
+            append_to_log(log, asdict(result) | {"recovery_error": recovery_error})
+            if recovery_error:
+                note(f"  booting a new host: {recovery_error}")
+                reboots += 1
+                rig.stop()
+                rig = start_rig()
+        if healthy:
+            healthy_reports = diagnose_healthy(rig, healthy, beside, lambda report: append_to_log(log, report))
+    finally:
+        rig.stop()
+    wrong_healthy_reports = [report for report in healthy_reports if report["status"] != SUCCESS]
+    for report in wrong_healthy_reports:
+        details = f"{report['findings']} {report['unknown']} {report['broken']}"
+        note(f"the doctor exited with {report['status']} although the robot is healthy: {details}")
+    return {
+        "faults": len(chosen),
+        "injected": {"alone": count_results(singles), "combined": count_results(combined)},
+        "pairs_possible": len(possible_pairs),
+        "pairs_covered": len(covered),
+        "healthy_reports": len(healthy_reports),
+        "healthy_wrong": len(wrong_healthy_reports),
+        "healthy_with_findings": sum(bool(report["findings"]) for report in healthy_reports),
+        "healthy_with_gaps": sum(bool(report["unknown"] or report["broken"]) for report in healthy_reports),
+        "healthy_median_s": statistics.median(report["took_s"] for report in healthy_reports) if healthy_reports else None,
+        "reboots": reboots,
+        "minutes": (time.monotonic() - began) / 60.0,
+    }
 
 
 if __name__ == "__main__":

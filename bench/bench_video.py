@@ -1,22 +1,17 @@
 """Video: 640 × 480 pixels at 30 frames per second to four browsers, through the console and from the video server.
 
-    python -m bench.bench_video [--seconds 10] [--suite FOLDER] [--json]
-
 A camera publishes pictures like photographs, as JPEG or raw. CPU time is that of the video server and the console together.
-With FOLDER, a checkout of rosbridge_suite, the JPEG pictures are also sent to four of its clients as messages, as pages without
-a video server get them.
+With --suite, a checkout of rosbridge_suite, the JPEG pictures are also sent to four of its clients as messages, as pages
+without a video server get them.
 """
 
 from __future__ import annotations
 
-import argparse
 import http.client
 import json
-import os
 import statistics
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -28,13 +23,13 @@ import cv2
 import numpy as np
 import psutil
 
-from bench.bench_console import send, server_rig
 from bench.peers import rosbridge_suite
+from bench.processes import child_command, private_graph, terminate
+from bench.runner import Figures, Seconds, Suite, benchmark
+from bench.server_rig import CAMERA_TOPIC, send, server_rig
 from lupin_runtime import graph
 from lupin_runtime.cameras.mjpeg import PartReader
-from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
-LIMITS = {"one_core_percent": 15.0, "delay_median_ms": 60.0}
 CLIENTS = 4
 FPS = 30.0
 SETTLE_S = 3.0
@@ -80,7 +75,7 @@ def publish_pictures(kind: str) -> int:
         publisher = node.publisher(_CAMERA)
         message: Any = Image(height=480, width=640, encoding="rgb8", step=1920, data=pixels.tobytes())
     else:
-        publisher = node.publisher(graph.compressed(_CAMERA))
+        publisher = node.publisher(CAMERA_TOPIC)
         message = CompressedImage(format="jpeg", data=bytes(cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, 75))[1]))
     due_s = time.monotonic()
     while True:
@@ -96,13 +91,13 @@ class VideoRig:
 
     def __init__(self, environment: dict[str, str], exits: ExitStack) -> None:
         self._environment, self._exits = environment, exits
-        self.video_port, video = self._start_server("video")
-        self.console_port, console = self._start_server("console", "--video-port", str(self.video_port))
+        self.video_port, video = self._start_server(serve_video)
+        self.console_port, console = self._start_server(serve_console, video_port=self.video_port)
         self._servers = (psutil.Process(video.pid), psutil.Process(console.pid))
 
     def start_camera(self, kind: str) -> None:
         """Start the camera, and wait until the video server lists it."""
-        self._start(kind)
+        self._start(publish_pictures, kind=kind)
         deadline_s = time.monotonic() + 20.0
         while not self._listed_cameras():
             if time.monotonic() > deadline_s:
@@ -121,28 +116,23 @@ class VideoRig:
         finally:
             connection.close()
 
-    def _start_server(self, role: str, *arguments: str) -> tuple[int, subprocess.Popen[str]]:
-        process = self._start(role, *arguments)
+    def _start_server(self, function: Callable[..., int], **arguments: Any) -> tuple[int, subprocess.Popen[str]]:
+        process = self._start(function, **arguments)
         assert process.stdout is not None  # it is a pipe
         return int(process.stdout.readline()), process
 
-    def _start(self, role: str, *arguments: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "bench.bench_video", "--as", role, *arguments]
-        process = subprocess.Popen(command, env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        self._exits.callback(process.wait, 20)
-        self._exits.callback(process.terminate)
+    def _start(self, function: Callable[..., int], **arguments: Any) -> subprocess.Popen[str]:
+        command, pipe, null = child_command(function, **arguments), subprocess.PIPE, subprocess.DEVNULL
+        process = subprocess.Popen(command, env=self._environment, stdout=pipe, stderr=null, text=True)
+        self._exits.callback(terminate, process, 20.0)
         return process
 
 
 @contextmanager
 def video_rig() -> Iterator[VideoRig]:
     """Start a VideoRig, and stop it after the block."""
-    claim = claim_domain()
-    with ExitStack() as exits, tempfile.TemporaryDirectory() as directory:
-        exits.callback(claim.release)
-        environment = loopback_environment(claim.domain, Path(directory), {**os.environ, "XDG_STATE_HOME": directory})
-        with ExitStack() as processes:
-            yield VideoRig(environment, processes)
+    with private_graph() as environment, ExitStack() as exits:
+        yield VideoRig(environment, exits)
 
 
 class Watcher(threading.Thread):
@@ -191,72 +181,47 @@ def watch(kind: str, through_console: bool, seconds: float) -> dict[str, float]:
 
 def suite_pictures(seconds: float, suite: Path) -> dict[str, float]:
     """Measure rosbridge_suite while four of its clients receive the same JPEG pictures as messages."""
-    with server_rig(suite) as server:
-        row = graph.compressed(_CAMERA)
+    with server_rig(rosbridge_suite.server_command(suite)) as server:
         clients = [server.connect_client() for _ in range(CLIENTS)]
-        command = [sys.executable, "-m", "bench.bench_video", "--as", "jpeg"]
-        camera = subprocess.Popen(command, env=server.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        try:
-            for client in clients:
-                send(client, "subscribe", topic=row.name, type=row.type, queue_length=1)
+        server.start_process(publish_pictures, kind="jpeg")
+        for client in clients:
+            send(client, "subscribe", topic=CAMERA_TOPIC.name, type=CAMERA_TOPIC.type, queue_length=1)
+            client.recv(timeout=20.0)
+        time.sleep(SETTLE_S)
+        counts: list[int] = []
+        stop_s = time.monotonic() + seconds
+        before_s = server.cpu_s()
+
+        def count(client: Any) -> None:
+            number = 0
+            while time.monotonic() < stop_s:
                 client.recv(timeout=20.0)
-            time.sleep(SETTLE_S)
-            counts: list[int] = []
-            stop_s = time.monotonic() + seconds
-            before_s = server.cpu_s()
+                number += 1
+            counts.append(number)
 
-            def count(client: Any) -> None:
-                number = 0
-                while time.monotonic() < stop_s:
-                    client.recv(timeout=20.0)
-                    number += 1
-                counts.append(number)
-
-            readers = [threading.Thread(target=count, args=(client,)) for client in clients]
-            for reader in readers:
-                reader.start()
-            for reader in readers:
-                reader.join()
-            return {"pictures_per_cpu_s": sum(counts) / (server.cpu_s() - before_s)}
-        finally:
-            camera.terminate()
-            camera.wait(20)
+        readers = [threading.Thread(target=count, args=(client,)) for client in clients]
+        for reader in readers:
+            reader.start()
+        for reader in readers:
+            reader.join()
+        return {"pictures_per_cpu_s": sum(counts) / (server.cpu_s() - before_s)}
 
 
-def main() -> int:
-    """Measure every case; with `--as`, run one of the measured processes instead."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--seconds", type=float, default=10.0, help="measure each case for this long")
-    parser.add_argument("--suite", type=Path, help="also measure the server of this checkout of rosbridge_suite")
-    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
-    parser.add_argument("--as", dest="role", choices=("video", "console", "jpeg", "raw"), help=argparse.SUPPRESS)
-    parser.add_argument("--video-port", type=int, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.role == "video":
-        return serve_video()
-    if options.role == "console":
-        return serve_console(options.video_port)
-    if options.role:
-        return publish_pictures(options.role)
-    if options.suite and (problem := rosbridge_suite.missing(options.suite)):
-        parser.error(problem)
+@benchmark(at_most={"one_core_percent": 15.0, "delay_median_ms": 60.0})
+def main(seconds: Seconds = 10.0, suite: Suite = None) -> Figures:
+    """Measure every case."""
+    if suite and (problem := rosbridge_suite.missing(suite)):
+        raise SystemExit(problem)
     figures = {
-        f"{kind}, {'console' if through_console else 'video server'}": watch(kind, through_console, options.seconds)
+        f"{kind}, {'console' if through_console else 'video server'}": watch(kind, through_console, seconds)
         for kind in ("jpeg", "raw")
         for through_console in (True, False)
     }
-    if options.suite:
+    if suite:
         ours = figures["jpeg, console"]["pictures_per_cpu_s"]
-        peer = suite_pictures(options.seconds, options.suite)
+        peer = suite_pictures(seconds, suite)
         figures["jpeg, rosbridge_suite"] = {**peer, "lupin_times_as_many": ours / peer["pictures_per_cpu_s"]}
-    met = all(case[name] <= limit for case in figures.values() for name, limit in LIMITS.items() if name in case)
-    if options.json:
-        print(json.dumps({"figures": figures, "limits": LIMITS, "met": met}))
-    else:
-        for case, values in figures.items():
-            print(f"{case:24}" + "".join(f"  {name} {value:.1f}" for name, value in values.items()))
-        print("limits: " + ", ".join(f"{name} {limit:g}" for name, limit in LIMITS.items()) + ("  ok" if met else "  MISSED"))
-    return 0 if met else 1
+    return {"watched": figures}
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import statistics
@@ -25,19 +24,6 @@ COMMAND_TIMEOUT_S = 300.0
 SETUP_LINES = ("source ~/mirte_ws/install/setup.bash",)
 LUPIN = (sys.executable, "-m", "lupin_cli.app")
 PYTHON_PATH = "/usr/bin:/bin:/usr/sbin:/sbin"
-
-
-def note(text: str) -> None:
-    """Print progress on standard error; standard output is for the result."""
-    print(text, file=sys.stderr, flush=True)
-
-
-def add_common_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that the benches of a booted robot share: --busy and --json."""
-    parser.add_argument(
-        "--busy", action="store_true", help="run the measured processes with real-time priority, if this machine has other work"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON line on standard output, and nothing else")
 
 
 @dataclass(frozen=True)

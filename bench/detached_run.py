@@ -8,7 +8,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from lupin_runtime.stack.runs import Run, find_live_run
 
@@ -44,3 +45,13 @@ def start_run(arguments: Sequence[str]) -> Run:
 def stop_run(run: Run) -> None:
     """Stop the run with `lupin down`."""
     subprocess.run([sys.executable, "-m", "lupin_cli.app", "down", "--run", run.id], check=False, timeout=90)
+
+
+@contextmanager
+def detached_run(arguments: Sequence[str]) -> Iterator[Run]:
+    """Start a run as `start_run` does, and stop it after the block."""
+    run = start_run(arguments)
+    try:
+        yield run
+    finally:
+        stop_run(run)

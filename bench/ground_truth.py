@@ -1,7 +1,5 @@
 """Says what an operator's program receives from the robot: which topics deliver, and whether services return.
 
-    python -m bench.ground_truth [--limit-s SECONDS]
-
 It joins the graph with the configuration of the shell that starts it, as any program of the operator's does. It shares no code
 with the doctor, which the bench judges by it, and it commands nothing. It prints one JSON object: `topics` by name (samples,
 rate in Hz, age in s by the stamp, None without one), `services` by name (seconds until the answer, None without one), `drive`
@@ -10,7 +8,6 @@ rate in Hz, age in s by the stamp, None without one), `services` by name (second
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import struct
@@ -18,7 +15,9 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
+
+from bench.runner import read_options
 
 MIN_RATE = 0.4  # of the nominal rate, below which a topic is of no use
 MAX_AGE_S = 1.0  # transforms of this age are refused by navigation and mapping
@@ -100,7 +99,7 @@ def broken_lines(
     return tuple(lines) if drive else (*lines, f"{DRIVE_INPUT}: the drive bus does not listen")
 
 
-def observe(limit_s: float) -> dict[str, Any]:
+def observe(limit_s: Annotated[float, "observe for at most this many seconds"] = LIMIT_S) -> dict[str, Any]:
     """Join the graph, and observe until everything works or the limit is over."""
     import rclpy
     from rclpy.qos import QoSProfile, QoSReliabilityPolicy
@@ -171,9 +170,8 @@ def _interface(name: str, kind: str) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Observe, and print the JSON object."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--limit-s", type=float, default=LIMIT_S)
-    print(json.dumps(observe(parser.parse_args(arguments).limit_s)), flush=True)
+    _, options = read_options(observe, arguments, "bench.ground_truth", __doc__ or "")
+    print(json.dumps(observe(**options)), flush=True)
 
 
 if __name__ == "__main__":

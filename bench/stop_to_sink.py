@@ -1,22 +1,19 @@
-"""The time from a client's stop to zero at the sink, with the drive bus and the e-stop in their own processes.
-
-Used by bench_console; `python -m bench.stop_to_sink estop|drive` runs one of the processes.
-"""
+"""The time from a client's stop to zero at the sink, with the drive bus and the e-stop in their own processes."""
 
 from __future__ import annotations
 
 import json
 import queue
 import subprocess
-import sys
 import threading
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from bench.server_rig import ServerRig
 from lupin_runtime import graph
 
 if TYPE_CHECKING:
-    from bench.bench_console import ServerRig
     from lupin_runtime.ros import LupinNode
 
 _TIMEOUT_S = 20.0
@@ -33,8 +30,9 @@ class SinkChanges:
         threading.Thread(target=self._read, args=(drive,), daemon=True).start()
 
     def _read(self, drive: subprocess.Popen[str]) -> None:
-        for line in drive.stdout or ():
-            self._lines.put(line)
+        with suppress(ValueError):  # the pipe is closed with the process
+            for line in drive.stdout or ():
+                self._lines.put(line)
 
     def wait(self, moving: bool, timeout_s: float) -> float | None:
         """Wait for the next change to motion, or to zero, and return its time; None if there is none."""
@@ -49,8 +47,8 @@ class SinkChanges:
 
 def measure(server: ServerRig, presses: int) -> list[float]:
     """Drive through the console, and press and release the stop; return the times in ms from frame to zero."""
-    processes = [_start(role, server) for role in ("estop", "drive")]
-    sink = SinkChanges(processes[1])
+    server.start_process(run_estop)
+    sink = SinkChanges(server.start_process(run_drive))
     driver = server.connect_client()
     over, moving = threading.Event(), threading.Event()
 
@@ -77,10 +75,6 @@ def measure(server: ServerRig, presses: int) -> list[float]:
     finally:
         over.set()
         driving.join()
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.wait(_TIMEOUT_S)
 
 
 def _start_driving(moving: threading.Event, sink: SinkChanges) -> None:
@@ -92,11 +86,6 @@ def _start_driving(moving: threading.Event, sink: SinkChanges) -> None:
         if sink.wait(moving=True, timeout_s=2.0) is not None:
             return
     raise SystemExit("the sink did not change to motion")
-
-
-def _start(role: str, server: ServerRig) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "bench.stop_to_sink", role]
-    return subprocess.Popen(command, env=server.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
 
 def _publish(client: object, topic: graph.Topic, contents: dict[str, object]) -> None:
@@ -120,18 +109,19 @@ def _watch_sink() -> LupinNode:
     return node
 
 
-def main() -> int:
-    """Run one of the measured processes."""
-    from lupin_runtime.drive.node import TwistMux
+def run_estop() -> int:
+    """Run the e-stop, without a button and without a console that it expects, since the console may be another one."""
     from lupin_runtime.ros import run
     from lupin_runtime.safety.expected_sources import WITNESS
-    from lupin_runtime.safety.node import EstopBridge, EstopWitness
+    from lupin_runtime.safety.node import EstopBridge
 
-    def estop() -> EstopBridge:
-        return EstopBridge({"expected_sources": WITNESS})  # there is no button, and the console may be another one
-
-    return run([estop] if sys.argv[1] == "estop" else [TwistMux, EstopWitness, _watch_sink])
+    return run([lambda: EstopBridge({"expected_sources": WITNESS})])
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def run_drive() -> int:
+    """Run the drive bus, and print the changes of its sink."""
+    from lupin_runtime.drive.node import TwistMux
+    from lupin_runtime.ros import run
+    from lupin_runtime.safety.node import EstopWitness
+
+    return run([TwistMux, EstopWitness, _watch_sink])

@@ -41,6 +41,11 @@ def missing(folder: Path) -> str:
     return f"rosbridge_suite needs {', '.join(packages)} in this environment; install them with: {shlex.join(command)}"
 
 
+def server_command(folder: Path) -> list[str]:
+    """Return the command that runs the server of a checkout."""
+    return [sys.executable, "-m", "bench.peers.rosbridge_suite", str(folder)]
+
+
 class _ClientManager:
     """Replaces the class that publishes the number of clients; does nothing."""
 

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bench.bench_generated import Result, Row, count_by_row, format_result, format_table, load_log, passes
+from bench import bench_generated
+from bench.bench_generated import Result, Row, count_by_row, format_result, load_log, to_figures
 from bench.faults.fault import LAPTOP, LAYERS, LINK, ROBOT, Effect, Fault
 from bench.generated_cases import (
     Case,
@@ -24,6 +25,7 @@ from bench.generated_cases import (
     required_faults,
     table_row_name,
 )
+from bench.runner import to_plain
 
 CASES = st.builds(draw_case, st.integers(0, 1000), st.integers(0, 1000))
 TRUTHS = st.builds(Truth, st.sampled_from([(), ("/scan: 0 samples",)]), st.booleans())
@@ -210,9 +212,6 @@ def test_table_counts_by_layer_and_fails_below_the_target() -> None:
     assert list(rows) == ["loss", "ports", "all"]
     assert rows["loss"] == Row(cases=1, broken=1, healthy_while_broken=1, errors=1, slowest_s=1.0)
     assert rows["all"] == Row(2, 2, 1, 1, healthy_while_broken=1, errors=1, slowest_s=2.5)
-    text = format_table(rows)
-    assert [line.split()[0] for line in text.splitlines()] == ["layer", "loss", "ports", "all"]
-    assert len({len(line) for line in text.splitlines()}) == 1
     assert "WRONG" in format_result(results()[1]) and "NOT MEASURED" in format_result(results()[2])
 
 
@@ -232,4 +231,5 @@ def test_table_counts_by_layer_and_fails_below_the_target() -> None:
     ],
 )
 def test_target_is_95_percent_and_no_false_statement(row: Row, passed: bool) -> None:
-    assert passes(row, 20) is passed
+    figures = to_plain(to_figures({"all": row}, 20))
+    assert all(check.met for check in bench_generated.main.compare(figures).values()) is passed

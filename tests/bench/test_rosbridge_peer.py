@@ -10,8 +10,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench import bench_console
+from bench import bench_console, server_rig
 from bench.peers import rosbridge_suite
+from bench.runner import NOT_MEASURED
 
 
 @pytest.fixture
@@ -50,11 +51,9 @@ def test_folder_without_the_server_is_named(tmp_path: Path) -> None:
 def test_benchmark_refuses_an_incomplete_peer_before_measuring(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["bench_console", "--suite", str(tmp_path)])
     monkeypatch.setattr(bench_console, "small_messages", lambda *_: pytest.fail("measured"))
-    with pytest.raises(SystemExit) as ended:
-        bench_console.main()
-    assert ended.value.code == 2 and "git clone" in capsys.readouterr().err
+    assert bench_console.main(["--suite", str(tmp_path)]) == NOT_MEASURED
+    assert "git clone" in capsys.readouterr().err
 
 
 def test_peer_that_fails_is_reported_with_its_last_words(
@@ -64,7 +63,7 @@ def test_peer_that_fails_is_reported_with_its_last_words(
     suite = checkout("raise RuntimeError('no such message type')")
     with (
         pytest.raises(SystemExit, match=r"does not listen: (.|\n)*no such message type"),
-        bench_console.server_rig(suite),
+        server_rig.server_rig(rosbridge_suite.server_command(suite)),
     ):
         pass
 
@@ -73,12 +72,12 @@ def test_peer_that_ignores_sigterm_is_ended(
     checkout: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     install(monkeypatch, tmp_path / "packages")
-    monkeypatch.setattr(bench_console, "_END_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(server_rig, "END_TIMEOUT_S", 0.2)
     program = """
 import http.server, signal, sys
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 http.server.HTTPServer(("127.0.0.1", int(sys.argv[2])), http.server.BaseHTTPRequestHandler).serve_forever()
 """
-    with bench_console.server_rig(checkout(program)) as server:
+    with server_rig.server_rig(rosbridge_suite.server_command(checkout(program))) as server:
         assert server.process.is_running()
     assert not psutil.pid_exists(server.process.pid)
