@@ -1,0 +1,83 @@
+"""Listens for a word that stops while somebody is still speaking, and does not wait for the end of the sentence.
+
+A thread recognizes the newest seconds of the utterance every 0.1 s. The end of a window may cut "start" to what sounds like
+"stop", so several windows in a row must agree. What is heard here decides only about stopping; commands wait for the sentence.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from lupin_runtime.voice.endpointer import SAMPLE_BYTES, SAMPLE_RATE_HZ
+from lupin_runtime.voice.grammar import has_stop_word
+from lupin_runtime.voice.speech import WINDOW_S, Recognizer
+
+AGREEING_WINDOWS = 3  # in six minutes of other speech, up to two windows in a row heard a stop
+STEP_S = 0.1  # of new sound between two windows
+_MIN_SPEECH_S = 0.3  # a shorter sound is no word yet
+_BYTES_PER_S = SAMPLE_RATE_HZ * SAMPLE_BYTES
+
+
+class StopSpotter:
+    """Calls `stop` from its thread, once for each utterance in which a word for stopping is heard."""
+
+    def __init__(self, recognizer: Recognizer, stop: Callable[[str], None]) -> None:
+        self._recognizer = recognizer
+        self._stop = stop
+        self._changed = threading.Condition()
+        self._utterance = 0
+        self._sound = b""
+        self._heard_bytes = self._agreeing = 0
+        self._has_stopped = self._is_closed = False
+        self._thread = threading.Thread(target=self._run, name="lupin-stop-spotter", daemon=True)
+        self._thread.start()
+
+    def begin(self) -> None:
+        """Begin a new utterance."""
+        with self._changed:
+            self._utterance += 1
+            self._sound, self._heard_bytes, self._agreeing, self._has_stopped = b"", 0, 0, False
+
+    def update(self, utterance: bytes) -> None:
+        """Take the sound of the utterance so far."""
+        with self._changed:
+            self._sound = utterance
+            self._changed.notify()
+
+    def close(self) -> None:
+        """End the thread, after the window that it hears now."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (window := self._next_window()) is not None:
+            number, sound = window
+            text = self._recognizer.transcribe_window(sound)
+            with self._changed:
+                if number != self._utterance:
+                    continue
+                self._agreeing = self._agreeing + 1 if has_stop_word(text) else 0
+                self._has_stopped = self._agreeing >= AGREEING_WINDOWS
+            if self._has_stopped:
+                self._stop(text)
+
+    def _next_window(self) -> tuple[int, bytes] | None:
+        """Wait for enough new sound, and return it with the number of its utterance; None once closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._is_closed or self._has_enough())
+            if self._is_closed:
+                return None
+            self._heard_bytes = len(self._sound)
+            return self._utterance, self.window(self._sound)
+
+    @staticmethod
+    def window(sound: bytes) -> bytes:
+        """Return the newest sound of an utterance, in which a word for stopping is looked for."""
+        return sound[-int(WINDOW_S * _BYTES_PER_S) :]
+
+    def _has_enough(self) -> bool:
+        new = len(self._sound) - self._heard_bytes
+        return not self._has_stopped and len(self._sound) >= _MIN_SPEECH_S * _BYTES_PER_S and new >= STEP_S * _BYTES_PER_S

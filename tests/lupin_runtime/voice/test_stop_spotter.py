@@ -1,0 +1,113 @@
+"""The stop-word spotter hears a stop while somebody still speaks, and once for each utterance."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from lupin_runtime.voice.endpointer import FRAME_BYTES, SAMPLE_RATE_HZ
+from lupin_runtime.voice.speech import WINDOW_S
+from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, STEP_S, StopSpotter
+
+SECOND = SAMPLE_RATE_HZ * 2
+TIMEOUT_S = 10.0
+
+
+class Script:
+    """A recognizer that answers each window with the next text, when the test lets it."""
+
+    def __init__(self) -> None:
+        self.windows: queue.Queue[bytes] = queue.Queue()
+        self.texts: queue.Queue[str] = queue.Queue()
+
+    def transcribe(self, sound: bytes) -> str:
+        raise AssertionError(f"a whole sentence of {len(sound)} bytes")
+
+    def transcribe_window(self, sound: bytes) -> str:
+        self.windows.put(sound)
+        return self.texts.get(timeout=TIMEOUT_S)
+
+
+class Speaker:
+    """Speaks to a spotter, in steps that are each a window."""
+
+    def __init__(self) -> None:
+        self.script = Script()
+        self.stops: queue.Queue[str] = queue.Queue()
+        self.spotter = StopSpotter(self.script, self.stops.put)
+        self.sound = b""
+
+    def begin(self) -> None:
+        self.sound = b"\1" * SECOND
+        self.spotter.begin()
+
+    def say(self, *texts: str) -> list[bytes]:
+        """Go on speaking, so that each text is heard in one more window; return the windows."""
+        windows = []
+        for text in texts:
+            self.sound += b"\2" * int(STEP_S * SECOND)
+            self.spotter.update(self.sound)
+            windows.append(self.script.windows.get(timeout=TIMEOUT_S))
+            self.script.texts.put(text)
+        return windows
+
+
+@pytest.fixture
+def speaker() -> Iterator[Speaker]:
+    made = Speaker()
+    yield made
+    made.script.texts.put("")  # for a window that is still waited for
+    made.spotter.close()
+
+
+def test_stop_is_reported_before_the_sentence_ends(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say("go to the", *["no stop"] * AGREEING_WINDOWS)
+    assert speaker.stops.get(timeout=TIMEOUT_S) == "no stop"
+
+
+def test_stop_needs_windows_in_a_row_that_agree(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say("stop", "stop", "start the clock", "stop", "stop", "start the clock now")
+    assert speaker.stops.empty()
+
+
+def test_windows_of_two_utterances_do_not_agree(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say("stop", "stop")
+    speaker.begin()
+    speaker.say("stop", "stock")
+    assert speaker.stops.empty()
+
+
+def test_one_utterance_stops_once_and_the_next_again(speaker: Speaker) -> None:
+    for _ in range(2):
+        speaker.begin()
+        speaker.say(*["halt"] * AGREEING_WINDOWS)
+        assert speaker.stops.get(timeout=TIMEOUT_S) == "halt"
+        speaker.spotter.update(speaker.sound * 2)
+    speaker.spotter.close()
+    assert speaker.stops.empty() and speaker.script.windows.empty()
+
+
+def test_window_is_the_newest_sound(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.sound *= 6
+    [window] = speaker.say("")
+    assert window == speaker.sound[-int(WINDOW_S * SECOND) :]
+
+
+def test_too_little_sound_is_not_recognized(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.spotter.update(b"\1" * FRAME_BYTES)
+    speaker.spotter.close()
+    assert speaker.script.windows.empty()
+
+
+def test_close_ends_the_thread() -> None:
+    before = threading.active_count()
+    Speaker().spotter.close()
+    assert threading.active_count() == before
