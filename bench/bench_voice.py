@@ -9,10 +9,8 @@ Needs the extra lupin[voice] and espeak-ng.
 
 from __future__ import annotations
 
-import argparse
 import functools
 import itertools
-import json
 import random
 import re
 import statistics
@@ -21,11 +19,12 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.runner import Figures, benchmark, note
 from lupin_runtime.voice.endpointer import FRAME_MS, SAMPLE_RATE_HZ, Edge, Endpointer, split_frames
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.grammar import has_stop_word, parse
@@ -126,7 +125,7 @@ def measure_sentences(voices: Voices, recognizer: WhisperRecognizer, share: floa
             outcome = "asked again"
         if outcome != "right" and (expected is not None or outcome != "asked again"):
             wrong.append(f"{outcome}, {VOICES[voice][0]}, {noise}: {text!r} was heard as {heard!r}")
-            print(wrong[-1], file=sys.stderr, flush=True)
+            note(wrong[-1])
         outcomes["commands" if expected is not None else "others"][outcome] += 1
     commands = outcomes["commands"]
     return {
@@ -204,7 +203,7 @@ def measure_false_stops(voices: Voices, recognizer: WhisperRecognizer, minutes: 
         total_s += len(sound) / 2 / SAMPLE_RATE_HZ
         for heard in filter(None, (spot(each, recognizer) for each in utterances(sound))):
             false_stops.append(f"{text!r} was heard as {heard!r}")
-            print(f"false stop after {total_s / 60:.1f} min: {false_stops[-1]}", file=sys.stderr, flush=True)
+            note(f"false stop after {total_s / 60:.1f} min: {false_stops[-1]}")
     return {
         "minutes": round(total_s / 60, 1),
         "false_stops": len(false_stops),
@@ -238,42 +237,36 @@ def spot(utterance: bytes, recognizer: WhisperRecognizer) -> str:
     return ""
 
 
-def main() -> int:
-    """Measure, print the figures, and return 1 if a limit is not kept."""
-    parser = argparse.ArgumentParser(prog="python -m bench.bench_voice", description=__doc__)
-    parser.add_argument("--only", choices=("sentences", "stops", "false-stops"), help="measure only this")
-    parser.add_argument("--share", type=float, default=1.0, help="share of the sentences that are spoken [%(default)s]")
-    parser.add_argument("--repeats", type=int, default=2, help="how often each stop is said [%(default)s]")
-    parser.add_argument("--minutes", type=float, default=60.0, help="length of the other speech [%(default)s]")
-    parser.add_argument("--threads", type=int, default=2, help="threads of the recognizer [%(default)s]")
-    arguments = parser.parse_args()
+@benchmark(
+    at_least={"sentences.understood": MIN_UNDERSTOOD},
+    at_most={"wrong motion": 0, "stops.p95_ms": MAX_STOP_MS, "stops.missed_count": 0, "false_stops_an_hour": 1.0},
+    long=True,
+)
+def main(
+    only: Annotated[str, "measure only this", ("", "sentences", "stops", "false-stops")] = "",
+    share: Annotated[float, "share of the sentences that are spoken"] = 1.0,
+    repeats: Annotated[int, "how often each stop is said"] = 2,
+    minutes: Annotated[float, "length of the other speech"] = 60.0,
+    threads: Annotated[int, "threads of the recognizer"] = 2,
+) -> Figures:
+    """Measure the parts."""
     try:
         voices = Voices(1)
         names = (*NAMES.locations, *NAMES.poses, *NAMES.sequences)
-        recognizer = WhisperRecognizer(command_prompt(ENGLISH, names), threads=arguments.threads)
+        recognizer = WhisperRecognizer(command_prompt(ENGLISH, names), threads=threads)
     except SpeechUnavailable as error:
-        print(error, file=sys.stderr)
-        return 1
+        sys.exit(str(error))
     results: dict[str, Any] = {"speech": "synthetic, by espeak-ng"}
-    failures: list[str] = []
-    if arguments.only in (None, "sentences"):
-        results["sentences"] = found = measure_sentences(voices, recognizer, arguments.share)
-        if found["understood"] < MIN_UNDERSTOOD:
-            failures.append(f"{found['understood']:.0%} of the commands were understood")
-        if motions := found["commands"].get("wrong motion", 0) + found["others"].get("wrong motion", 0):
-            failures.append(f"{motions} motions that nobody asked for")
-    if arguments.only in (None, "stops"):
-        results["stops"] = found = measure_stops(voices, recognizer, arguments.repeats)
-        if found["p95_ms"] > MAX_STOP_MS or found["missed"]:
-            failures.append(f"p95 {found['p95_ms']} ms from the word's end to the stop; {len(found['missed'])} missed")
-    if arguments.only in (None, "false-stops"):
-        results["false_stops"] = found = measure_false_stops(voices, recognizer, arguments.minutes)
-        if found["false_stops_an_hour"] > 1.0:
-            failures.append(f"{found['false_stops_an_hour']} false stops an hour")
-    print(json.dumps(results, indent=1))
-    for failure in failures:
-        print(f"limit not kept: {failure}", file=sys.stderr)
-    return 1 if failures else 0
+    if only in ("", "sentences"):
+        results["sentences"] = found = measure_sentences(voices, recognizer, share)
+        for group in ("commands", "others"):
+            found[group].setdefault("wrong motion", 0)
+    if only in ("", "stops"):
+        results["stops"] = found = measure_stops(voices, recognizer, repeats)
+        found["missed_count"] = len(found["missed"])
+    if only in ("", "false-stops"):
+        results["false_stops"] = measure_false_stops(voices, recognizer, minutes)
+    return results
 
 
 if __name__ == "__main__":
