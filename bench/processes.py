@@ -13,7 +13,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,11 +31,15 @@ def child_command(function: Callable[..., int | None], **arguments: Any) -> list
 def terminate(process: subprocess.Popen[Any], timeout_s: float = 10.0) -> None:
     """End a process, whatever it does by SIGTERM, and wait until it has ended."""
     process.terminate()
-    try:
+    with suppress(subprocess.TimeoutExpired):
         process.wait(timeout_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    kill(process)
+
+
+def kill(process: subprocess.Popen[Any]) -> None:
+    """Kill a process, and wait until it has ended."""
+    process.kill()
+    process.wait()
     if process.stdout is not None:
         process.stdout.close()
 
@@ -48,8 +52,7 @@ def busy_processes(count: int) -> Iterator[None]:
         yield
     finally:
         for process in busy:
-            process.kill()
-            process.wait()
+            kill(process)
 
 
 @contextmanager

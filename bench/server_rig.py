@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from bench.peers import rosbridge_suite
-from bench.processes import child_command, private_graph, terminate
+from bench.processes import child_command, kill, private_graph, terminate
 from lupin_runtime import graph
 
 ANSWER_TIMEOUT_S = 20.0
@@ -125,7 +125,7 @@ class ServerRig:
         process = subprocess.Popen(
             child_command(function, **arguments), env=self.environment, stdout=subprocess.PIPE, text=True
         )
-        self.exits.callback(terminate, process, END_TIMEOUT_S)
+        self.exits.callback(kill, process)  # if the server has failed, it waits for a subscription without end
         return process
 
     def memory_mb(self) -> float:

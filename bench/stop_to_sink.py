@@ -7,9 +7,11 @@ import queue
 import subprocess
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from bench.processes import child_command, terminate
 from bench.server_rig import ServerRig
 from lupin_runtime import graph
 
@@ -47,8 +49,8 @@ class SinkChanges:
 
 def measure(server: ServerRig, presses: int) -> list[float]:
     """Drive through the console, and press and release the stop; return the times in ms from frame to zero."""
-    server.start_process(run_estop)
-    sink = SinkChanges(server.start_process(run_drive))
+    processes = [_start(function, server) for function in (run_estop, run_drive)]
+    sink = SinkChanges(processes[1])
     driver = server.connect_client()
     over, moving = threading.Event(), threading.Event()
 
@@ -75,6 +77,8 @@ def measure(server: ServerRig, presses: int) -> list[float]:
     finally:
         over.set()
         driving.join()
+        for process in processes:
+            terminate(process, _TIMEOUT_S)
 
 
 def _start_driving(moving: threading.Event, sink: SinkChanges) -> None:
@@ -86,6 +90,11 @@ def _start_driving(moving: threading.Event, sink: SinkChanges) -> None:
         if sink.wait(moving=True, timeout_s=2.0) is not None:
             return
     raise SystemExit("the sink did not change to motion")
+
+
+def _start(function: Callable[[], int], server: ServerRig) -> subprocess.Popen[str]:
+    command, pipe, null = child_command(function), subprocess.PIPE, subprocess.DEVNULL
+    return subprocess.Popen(command, env=server.environment, stdout=pipe, stderr=null, text=True)
 
 
 def _publish(client: object, topic: graph.Topic, contents: dict[str, object]) -> None:
