@@ -52,6 +52,14 @@ const en = {
   voice_script_mock: "A script answers, and the robot is a mock",
   voice_script_mock_explained: "No model listens, and no robot is connected: nothing here is real.",
 
+  voice_says_state: "The battery is at {percent} percent. By odometry I am at x {x}, y {y} meters.",
+  voice_says_unknown: "I could not read that.",
+  voice_says_stopped: "I am stopped. You release the stop, I cannot.",
+  voice_says_free: "Nothing stops me.",
+  voice_says_asks: "Shall I do that?",
+  voice_says_done: "Done.",
+  voice_says_refused: "That was refused.",
+
   voice_transcript: "Transcript",
   voice_transcript_empty: "What you and the agent say appears here.",
   voice_who_operator: "You",
@@ -169,6 +177,14 @@ const nl: Record<keyof typeof en, string> = {
   voice_script_explained: "Het begrijpt niet wat u zegt. Het leest de toestand van de robot en beweegt niets.",
   voice_script_mock: "Een script antwoordt, en de robot is nagebootst",
   voice_script_mock_explained: "Er luistert geen model en er is geen robot: niets hier is echt.",
+
+  voice_says_state: "De accu is op {percent} procent. Volgens de odometrie ben ik op x {x}, y {y} meter.",
+  voice_says_unknown: "Dat kon ik niet lezen.",
+  voice_says_stopped: "Ik ben gestopt. U geeft de stop vrij, ik kan dat niet.",
+  voice_says_free: "Niets houdt mij tegen.",
+  voice_says_asks: "Zal ik dat doen?",
+  voice_says_done: "Gedaan.",
+  voice_says_refused: "Dat werd geweigerd.",
 
   voice_transcript: "Gesprek",
   voice_transcript_empty: "Hier komt wat u en de assistent zeggen.",
