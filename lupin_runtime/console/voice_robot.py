@@ -14,18 +14,22 @@ from typing import Any, TypeVar
 from lupin_runtime import graph
 from lupin_runtime.console.authority import Refused, Session
 from lupin_runtime.console.bridge import Bridge
+from lupin_runtime.console.command_era import Refusal
 from lupin_runtime.console.drive_burst import DriveBurst, Velocity
 from lupin_runtime.console.interfaces import absolute
 from lupin_runtime.console.locations import BadLocation, all_locations, locations_file
 from lupin_runtime.console.outbox import Frame
 from lupin_runtime.console.robot_watch import RobotWatch
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw
+from lupin_runtime.ros import LupinNode
 from lupin_runtime.voice.envelope import Envelope, Situation
 from lupin_runtime.voice.executor import CommandFailed, RobotState
 from lupin_runtime.voice.tools import Tool
 
 CALL_TIMEOUT_S = 25.0  # a calibration settles for some seconds, and a recording may have to switch the torque
 DRIVEN_BY_HAND = "the operator is driving by hand"
+NO_BUS = "no drive bus receives velocities, so nothing would move; see: lupin doctor"
+NO_NAVIGATION = "no navigation receives goals, so nothing would move; see: lupin doctor"
 _EVERY_GOAL = {"goal_info": {"goal_id": {"uuid": [0] * 16}, "stamp": {"sec": 0, "nanosec": 0}}}
 _NAVIGATION = (graph.NAVIGATE_TO_POSE, graph.NAVIGATE_THROUGH_POSES, graph.FOLLOW_WAYPOINTS)
 
@@ -56,6 +60,7 @@ class ConsoleRobot:
         self._settings = settings
         self._change_location = change_location
         self._still_valid = bridge.command_refusal()  # of the burst
+        self._problem = ""  # of the last request, as its text
         self._burst = DriveBurst(self._send_velocity, self._burst_problem, burst_ended)
         bridge.join(self)
 
@@ -72,12 +77,22 @@ class ConsoleRobot:
         """Drop an answer of the protocol."""
 
     def status(self, level: str, text: str, _identifier: Any = None) -> None:
-        """Log an error of a request."""
+        """Log an error of a request, and keep it for the call that waits for it."""
+        self._problem = text
         self._bridge.log_request(self.session, level, text)
 
     # -- what the envelope must know ------------------------------------------------------------------------------------
-    async def situation(self, tool: Tool) -> Situation:
-        """Return what the envelope must know to judge a call of a tool."""
+    def take_control(self) -> None:
+        """Take control if it is free: when one of several calls took it later, it would outdate the others."""
+        with contextlib.suppress(Refused):  # it is named when the call is judged
+            self._bridge.authority.take(self.session, time.monotonic_ns())
+
+    def command_refusal(self) -> Refusal:
+        """Return what a call that arrives now must ask before it is carried out."""
+        return self._bridge.command_refusal()
+
+    async def situation(self, tool: Tool, arrived: Refusal) -> Situation:
+        """Return what the envelope must know to judge a call of a tool; `arrived` is the refusal of when it arrived."""
         pose = await self.map_pose() if tool.needs_pose else None
         now_ns = time.monotonic_ns()
         control_refusal = ""
@@ -93,6 +108,7 @@ class ConsoleRobot:
             settings["voiceMaxLinearMps"],
             settings["voiceMaxAngularRps"],
             pose is not None,
+            arrived(),
             self._bridge.command_refusal(),
         )
 
@@ -161,6 +177,7 @@ class ConsoleRobot:
         """Send the robot to a pose on the map. Raises CommandFailed."""
         settings = self._settings()
         topic = settings["goalPoseTopic"]
+        await self._require_subscriber(topic, NO_NAVIGATION)
         try:
             self._bridge.authority.check_publish(self.session, topic, time.monotonic_ns())
         except Refused as refusal:
@@ -168,19 +185,28 @@ class ConsoleRobot:
         turn = dict(zip("xyzw", quaternion_from_yaw(goal.yaw)))
         pose = {"position": {"x": goal.x, "y": goal.y, "z": 0.0}, "orientation": turn}
         contents = {"header": {"frame_id": settings["mapFrame"]}, "pose": pose}
+        self._problem = ""
         self._bridge.publish(self, topic, graph.GOAL_POSE.type, None, contents, latch=False, queue_size=1)
+        await self._read(lambda _: None)  # the executor's thread has published it, or has reported a problem
+        if self._problem:
+            raise CommandFailed(self._problem)
+
+    async def _require_subscriber(self, topic: str, problem: str) -> None:
+        """Check that somebody receives what is published: a command that nobody hears must not count as done."""
+        if not await self._read(lambda node: node.count_subscribers(topic)):
+            raise CommandFailed(problem)
 
     async def map_pose(self) -> Pose2 | None:
         """Return where the robot is on the map; None if that is not known."""
-        return await self._read(self._watch.map_pose)
+        return await self._read(lambda _: self._watch.map_pose())
 
     async def state(self) -> RobotState:
         """Return the robot's last state."""
-        odometry, battery = await self._read(lambda: (self._watch.odometry(), self._watch.battery()))
+        odometry, battery = await self._read(lambda _: (self._watch.odometry(), self._watch.battery()))
         return RobotState(odometry, battery, self.estop_reasons())
 
-    async def _read(self, function: Callable[[], _Result]) -> _Result:
-        return await asyncio.wrap_future(self._bridge.run_with_node(lambda _: function()))
+    async def _read(self, function: Callable[[LupinNode], _Result]) -> _Result:
+        return await asyncio.wrap_future(self._bridge.run_with_node(function))
 
     async def locations(self) -> dict[str, Pose2]:
         """Return the named locations. Raises CommandFailed."""
@@ -198,8 +224,9 @@ class ConsoleRobot:
             raise CommandFailed(str(error)) from error
 
     # -- driving and stopping -------------------------------------------------------------------------------------------
-    def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
+    async def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
         """Drive with a velocity that ends by itself. Raises CommandFailed."""
+        await self._require_subscriber(graph.CMD_VEL_MANUAL.name, NO_BUS)
         if self._bridge.is_driven_by_others(self):
             raise CommandFailed(DRIVEN_BY_HAND)
         try:

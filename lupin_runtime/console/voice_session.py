@@ -8,6 +8,7 @@ from typing import Any
 
 from lupin_runtime.console.authority import Session
 from lupin_runtime.console.bridge import Bridge
+from lupin_runtime.console.command_era import Refusal
 from lupin_runtime.console.encoding import json_frame, to_json
 from lupin_runtime.console.outbox import Frame
 from lupin_runtime.console.robot_watch import RobotWatch
@@ -109,7 +110,10 @@ class VoiceSession:
             self._reject(identifier, name, values, call)
         else:
             if call.tool.effect is Effect.STOP:
+                self._envelope.cancel()
                 self._interrupt()
+            elif call.tool.needs_control and self._envelope.turns.is_answerable:
+                self._robot.take_control()
             self._start(identifier, call, values)
         self.push_state()
 
@@ -124,7 +128,7 @@ class VoiceSession:
                 self._answer(identifier, call.tool.name, {"ok": False, "error": "the console failed; see its log"})
             self.push_state()
 
-        task = asyncio.ensure_future(self._carry_out(identifier, call, values))
+        task = asyncio.ensure_future(self._carry_out(identifier, call, values, self._robot.command_refusal()))
         self._tasks[task] = call
         task.add_done_callback(finish)
 
@@ -134,14 +138,19 @@ class VoiceSession:
             if call.tool.needs_control:
                 task.cancel()
 
-    async def _carry_out(self, identifier: str, call: Call, values: Any) -> None:
+    async def _carry_out(self, identifier: str, call: Call, values: Any, arrived: Refusal) -> None:
         name = call.tool.name
         if call.tool.effect is Effect.STOP:
             self._record(name, call.arguments)
             self._answer(identifier, name, await self._executor.carry_out(name, call.arguments))
             return
         async with self._order:
-            verdict = self._envelope.judge(call, await self._robot.situation(call.tool))
+            verdict = self._envelope.judge(call, await self._robot.situation(call.tool, arrived))
+            if isinstance(verdict, Rejected) and verdict.is_read_back:
+                unknown = await self._executor.find_unknown_name(name, call.arguments)
+                if unknown is not None:
+                    self._envelope.cancel()
+                    verdict = Rejected(unknown)
             if isinstance(verdict, Rejected):
                 self._reject(identifier, name, values, verdict)
             else:

@@ -18,6 +18,7 @@ from lupin_runtime.voice.turns import Turns
 from lupin_runtime.voice.untrusted import quote_all
 
 CONFIRM_WITHIN_S = 30.0
+BURSTS_S = 10.0  # how long an agent may drive in one turn, in bursts that nobody confirms
 
 # Reasons of refusals.
 CUT_OFF = "cut off for this turn: {reason}"
@@ -27,6 +28,7 @@ IS_SPEAKING = "the operator is speaking; wait for the end"
 ESTOPPED = "the e-stop is engaged; do not try again before the operator has released it"
 SAME_TURN = "{action} must not follow start in the same turn; wait for the operator"
 NO_UTTERANCE = "commit needs an utterance of the operator after the start, such as: I have posed the arm"
+TOO_LONG = f"the bursts of one turn may last {BURSTS_S:g} s; use nav_forward, or wait for the operator"
 NO_POSE = "the robot's pose on the map is not known"
 READ_BACK = "read this back to the operator; if they agree, call it again in their next turn with this confirmation"
 NOT_CONFIRMED = "the operator has not answered yet; wait for their next turn"
@@ -39,8 +41,9 @@ LATE_CONFIRMATION = f"the confirmation did not come in the next turn within {CON
 class Situation:
     """What the envelope must know of the moment. `now_ns` is monotonic.
 
-    `estop` are the reasons of an engaged e-stop, `control_refusal` why this session may not command (empty if it may), and
-    `outdated` returns, later, why a command of now must not be carried out any more. Speeds are the settings' maximum.
+    `estop` are the reasons of an engaged e-stop. `control_refusal` is why this session may not command, and `outdated` why a
+    command that arrived with the call must not be carried out any more; empty if they do not apply. `become_outdated` returns,
+    later, the latter for a command of now. Speeds are the settings' maximum.
     """
 
     now_ns: int
@@ -49,7 +52,8 @@ class Situation:
     max_linear_mps: float = 0.0
     max_angular_rps: float = 0.0
     has_pose: bool = False
-    outdated: Callable[[], str] = str
+    outdated: str = ""
+    become_outdated: Callable[[], str] = str
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,11 @@ class Rejected:
 
     result: dict[str, Any]
     cut_off: str = ""
+
+    @property
+    def is_read_back(self) -> bool:
+        """Whether the operator must confirm it."""
+        return "confirm" in self.result
 
     @property
     def reason(self) -> str:
@@ -93,10 +102,11 @@ class Envelope:
         self.turns = Turns()
         self.speed_cap = 1.0  # share of the settings' maximum
         self._read_back: _ReadBack | None = None
+        self._driven_s = (0, 0.0)  # the turn of the last burst, and how long those of this turn last
         self._started: dict[str, int] = {}  # by tool: the turn in which its action `start` was last carried out
 
     def cancel(self) -> None:
-        """Forget what was read back: the operator has said no, or interrupts."""
+        """Forget what was read back: the operator has said no or interrupts, or nothing can be confirmed."""
         self._read_back = None
 
     def admit(self, name: Any, values: Any) -> Call | Rejected:
@@ -128,10 +138,13 @@ class Envelope:
         if tool.is_blocked_by_estop(call.arguments) and situation.estop:
             reasons = {"blocked": True, "reasons": quote_all(situation.estop)}
             return self._refuse(call.key, {**_failure(ESTOPPED), **reasons})
-        if tool.needs_control and (problem := self._turn_problem(call) or situation.control_refusal):
+        problem = self._turn_problem(call) or situation.outdated or situation.control_refusal
+        if tool.needs_control and problem:
             return self._refuse(call.key, _failure(problem))
         if tool.needs_pose and not situation.has_pose:
             return self._refuse(call.key, _failure(NO_POSE))
+        if tool.name == "drive" and self._burst_time_s(call) > BURSTS_S:
+            return self._refuse(call.key, _failure(TOO_LONG))
         if (sentence := tool.sentence(call.arguments)) and (pending := self._check_confirmation(call, sentence, situation)):
             return pending
         return self._approve(call, situation)
@@ -162,7 +175,9 @@ class Envelope:
         """Return the read-back of a call that is not confirmed, or why its confirmation is refused; None if it is confirmed."""
         if call.confirmation is None:
             token = secrets.token_hex(4)
-            self._read_back = _ReadBack(token, call.tool, call.arguments, call.turn, situation.now_ns, situation.outdated)
+            self._read_back = _ReadBack(
+                token, call.tool, call.arguments, call.turn, situation.now_ns, situation.become_outdated
+            )
             return Rejected({"ok": False, "confirm": sentence, CONFIRMATION.name: token, "note": READ_BACK})
         read_back = self._read_back
         if read_back is None or not secrets.compare_digest(read_back.token.encode(), call.confirmation.encode()):
@@ -179,11 +194,17 @@ class Envelope:
             return self._refuse(call.key, _failure(problem))
         return None
 
+    def _burst_time_s(self, call: Call) -> float:
+        """Return how long all bursts of a call's turn last, with this one."""
+        turn, driven_s = self._driven_s
+        return float(call.arguments["duration_s"]) + (driven_s if turn == call.turn else 0.0)
+
     def _approve(self, call: Call, situation: Situation) -> dict[str, Any]:
         arguments = dict(call.arguments)
         if call.tool.name == "set_speed_cap":
             self.speed_cap = arguments["value"]
         elif call.tool.name == "drive":
+            self._driven_s = call.turn, self._burst_time_s(call)
             arguments |= limit_velocity(arguments, *self.limits(situation))
         elif arguments.get("action") == "start":
             self._started[call.tool.name] = call.turn

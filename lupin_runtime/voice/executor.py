@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -61,7 +61,7 @@ class Robot(Protocol):
     async def send_goal(self, goal: Pose2) -> None:
         """Send the robot to a pose on the map."""
 
-    def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
+    async def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
         """Drive with a velocity in m/s and rad/s that ends by itself. It replaces an earlier burst."""
 
     def stop_wheels(self) -> None:
@@ -121,12 +121,30 @@ class Executor:
         except CommandFailed as error:
             return {"ok": False, "error": clean(error)}
 
+    async def find_unknown_name(self, tool: str, arguments: Values) -> Result | None:
+        """Return the failure of a call whose location, pose or sequence does not exist, before anybody is asked to confirm it.
+
+        None if it exists, or if that cannot be found out.
+        """
+        name = str(arguments.get("name", ""))
+        try:
+            if tool == "nav_goto_named":
+                locations = await self._robot.locations()
+                return None if _find(name, locations) else _unknown("location", locations)
+            kind = {"arm_goto_pose": "poses", "arm_run_sequence": "sequences"}.get(tool)
+            if kind is None or (kind == "poses" and name.lower() in PRESETS):
+                return None
+            known = (await self._library())[kind]
+        except CommandFailed:
+            return None
+        return None if name.lower() in known else _unknown(kind.removesuffix("s"), known)
+
     # -- driving ------------------------------------------------------------------------------------------------------
     async def _drive(self, arguments: Values) -> Result:
         applied = {name: arguments[name] for name in ("linear_x", "linear_y", "angular_z")}
         sign = self._sign  # turns the axes by 180 degrees, as for the page's sticks; the turn rate stays
         x, y, turn = sign * applied["linear_x"], sign * applied["linear_y"], applied["angular_z"]
-        self._robot.start_burst(x, y, turn, arguments["duration_s"])
+        await self._robot.start_burst(x, y, turn, arguments["duration_s"])
         return {"ok": True, "action": "drive", **applied, "duration_s": arguments["duration_s"]}
 
     async def _stop(self, _: Values) -> Result:
@@ -183,8 +201,7 @@ class Executor:
         locations = await self._robot.locations()
         name = _find(arguments["name"], locations)
         if name is None:
-            known = {"locations": quote_all(locations)}
-            return {"ok": False, "error": "there is no location of this name", **known}
+            return _unknown("location", locations)
         await self._robot.send_goal(locations[name])
         return {"ok": True, "action": "nav_goto_named", "name": quote(name), **_fields(locations[name])}
 
@@ -222,13 +239,16 @@ class Executor:
         return await self._ask(graph.ARM_LIBRARY_SAVE_POSE, request, name=arguments["name"])
 
     async def _arm_list_library(self, _: Values) -> Result:
+        return {"ok": True, **{kind: quote_all(names) for kind, names in (await self._library()).items()}}
+
+    async def _library(self) -> dict[str, list[str]]:
+        """Return the names of the arm's poses and sequences."""
         answer = await self._robot.call(graph.ARM_LIBRARY_LIST, {})
         try:
             library = parse_json(answer["json"])
-            names = {kind: quote_all(each["name"] for each in library[kind]) for kind in ("poses", "sequences")}
+            return {kind: [str(each["name"]) for each in library[kind]] for kind in ("poses", "sequences")}
         except (ValueError, KeyError, TypeError) as error:
             raise CommandFailed("the arm's library is damaged") from error
-        return {"ok": True, **names}
 
     async def _arm_run_sequence(self, arguments: Values) -> Result:
         return await self._ask(graph.ARM_LIBRARY_PLAY, dict(arguments), **arguments)
@@ -280,6 +300,10 @@ class Executor:
 def _find(name: str, known: dict[str, Pose2]) -> str | None:
     """Return the known name that was meant: the same, or the same in other case."""
     return name if name in known else next((each for each in known if each.lower() == name.lower()), None)
+
+
+def _unknown(kind: str, known: Iterable[str]) -> Result:
+    return {"ok": False, "error": f"there is no {kind} of this name", f"{kind}s": quote_all(known)}
 
 
 def _fields(pose: Pose2) -> dict[str, float]:

@@ -62,6 +62,11 @@ class Turns:
         """The number of the present turn; 0 before the first."""
         return self.current.number if self.current is not None else 0
 
+    @property
+    def is_answerable(self) -> bool:
+        """Whether the operator has begun a turn and finished it, so that a model may act on it."""
+        return self.current is not None and self.current.ended
+
     def announce(self, identifier: str, kind: TurnKind, *, ended: bool) -> None:
         """Begin a turn, or end the present one, which is announced again with its id. The id of an earlier one is ignored."""
         current = self.current

@@ -81,8 +81,8 @@ def test_presets_and_stored_poses_move_the_arm(graph_host: GraphHost, voice: Voi
     graph_host.until(lambda: vendor.last == PRESETS["tuck"], what="the arm tucked")
     assert call_until_served(graph_host, voice, lambda: voice.confirm("arm_goto_pose", name="wave"))["ok"]
     graph_host.until(lambda: vendor.last == pytest.approx((0.3, 0.2, 0.1, 0.0), abs=0.1), what="the stored pose")
-    refused = voice.confirm("arm_goto_pose", name="unknown")
-    assert not refused["ok"] and "unknown" in refused["message"]["untrusted"]
+    refused = voice.call("arm_goto_pose", name="unknown")
+    assert refused == {"ok": False, "error": "there is no pose of this name", "poses": [{"untrusted": "wave"}]}
 
 
 @pytest.mark.usefixtures("arm")

@@ -13,7 +13,7 @@ import pytest
 from lupin_runtime import graph
 from lupin_runtime.console.authority import Authority, Role, Session
 from lupin_runtime.console.bridge import Bridge
-from lupin_runtime.console.command_era import always_valid
+from lupin_runtime.console.command_era import OUTDATED
 from lupin_runtime.console.robot_watch import RobotWatch
 from lupin_runtime.console.settings import SETTINGS
 from lupin_runtime.console.voice_session import INTERRUPTED, VoiceSession
@@ -27,9 +27,15 @@ class FakeBridge:
 
     def __init__(self) -> None:
         self.authority = Authority(lambda _: None)
+        self.authority.on_change(self._note_control)
         self.log: list[Any] = []
         self.recorded: list[tuple[str, str]] = []
         self.calls: list[tuple[str, Callable[[bool, Any], None]]] = []
+        self.era = 0  # counts stops, releases and changes of control
+        self.unheard: set[str] = set()  # topics without a subscriber
+
+    def _note_control(self) -> None:
+        self.era += 1
 
     def join(self, _client: Any) -> None:
         self.log.append("join")
@@ -44,7 +50,8 @@ class FakeBridge:
         self.log.append((level, text))
 
     def command_refusal(self) -> Callable[[], str]:
-        return always_valid
+        era = self.era
+        return lambda: "" if self.era == era else OUTDATED
 
     def is_driven_by_others(self, _client: Any) -> bool:
         return False
@@ -66,8 +73,12 @@ class FakeBridge:
 
     def run_with_node(self, function: Callable[[Any], Any]) -> Future[Any]:
         future: Future[Any] = Future()
-        future.set_result(function(None))
+        future.set_result(function(self))
         return future
+
+    def count_subscribers(self, topic: str) -> int:
+        """Of the node, which this stands for as well."""
+        return 0 if topic in self.unheard else 1
 
 
 class Rig:
@@ -151,6 +162,67 @@ def test_stop_drops_the_commands_that_wait(stop: str) -> None:
     assert [what for what, refused in rig.bridge.recorded if refused == INTERRUPTED]
 
 
+def test_command_that_waited_over_a_release_is_refused() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "set_light", color="red")
+        rig.call("b", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        rig.bridge.era += 2  # somebody stops the robot, and releases it
+        rig.bridge.calls[0][1](True, {"status": True})
+        await settle()
+        assert rig.responses()["b"] == {"ok": False, "error": OUTDATED}
+        assert 0.2 not in rig.bridge.log
+
+    run(test)
+
+
+def test_calls_that_arrive_together_do_not_outdate_each_other() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        rig.call("b", "set_light", color="red")
+        await settle()
+        rig.bridge.calls[0][1](True, {"status": True})
+        await settle()
+        assert rig.responses()["a"]["ok"] and rig.responses()["b"]["ok"]
+
+    run(test)
+
+
+def test_call_before_the_end_of_a_turn_takes_no_control() -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(turn={"id": "2", "by": "speech", "ended": False})
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        assert not rig.responses()["a"]["ok"] and rig.bridge.authority.lease(0).holder is None
+
+    run(test)
+
+
+def test_burst_ends_when_the_robot_is_stopped() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        rig.bridge.era += 1
+        while rig.bridge.log[-1] != 0.0:
+            await asyncio.sleep(0.01)
+        assert [message["state"]["is_driving"] for message in rig.sent if "state" in message][-1] is False
+
+    run(test)
+
+
+def test_stop_forgets_what_was_read_back() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "nav_goto", x=1, y=1)
+        await settle()
+        rig.send(turn={"id": "2", "by": "speech"})
+        rig.call("b", "stop")
+        rig.call("c", "nav_goto", x=1, y=1, confirmation=rig.responses()["a"]["confirmation"])
+        await settle()
+        assert not rig.responses()["c"]["ok"] and graph.GOAL_POSE.name not in rig.bridge.log
+
+    run(test)
+
+
 def test_stop_does_not_drop_what_only_reads() -> None:
     async def test(rig: Rig) -> None:
         rig.call("a", "arm_list_library")
@@ -211,6 +283,36 @@ def test_failure_of_the_console_is_a_result(monkeypatch: pytest.MonkeyPatch) -> 
         await settle()
         assert rig.responses()["b"] == {"ok": False, "error": "the console failed; see its log"}
         assert "KeyError" in rig.bridge.log[-1][1]
+
+    run(test)
+
+
+@pytest.mark.parametrize("topic", [graph.CMD_VEL_MANUAL.name, graph.GOAL_POSE.name])
+def test_command_that_nobody_would_receive_fails(topic: str) -> None:
+    async def test(rig: Rig) -> None:
+        rig.bridge.unheard = {topic}
+        rig.call("a", "drive", linear_x=0.2, duration_s=0.1)
+        rig.call("b", "nav_goto", x=1, y=1)
+        await settle()
+        rig.send(turn={"id": "2", "by": "button"})
+        rig.call("c", "nav_goto", x=1, y=1, confirmation=rig.responses()["b"]["confirmation"])
+        await settle()
+        failed = rig.responses()["a" if topic == graph.CMD_VEL_MANUAL.name else "c"]
+        assert failed["ok"] is False and "so nothing would move" in failed["error"]
+        assert topic not in rig.bridge.log and (0.2 in rig.bridge.log) is (topic == graph.GOAL_POSE.name)
+
+    run(test)
+
+
+def test_goal_that_became_outdated_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(rig: Rig) -> None:
+        monkeypatch.setattr(rig.bridge, "publish", lambda client, *_, **__: client.status("error", "publish: outdated"))
+        rig.call("a", "nav_goto", x=1, y=1)
+        await settle()
+        rig.send(turn={"id": "2", "by": "button"})
+        rig.call("b", "nav_goto", x=1, y=1, confirmation=rig.responses()["a"]["confirmation"])
+        await settle()
+        assert rig.responses()["b"] == {"ok": False, "error": "publish: outdated"}
 
     run(test)
 

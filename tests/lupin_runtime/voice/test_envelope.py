@@ -105,6 +105,19 @@ def test_speed_cap_scales_the_limits_of_the_session(session: Session) -> None:
     assert session.approved("drive", {"linear_x": 1, "angular_z": 1, "duration_s": 1}).items() >= {"linear_x": 0.0}.items()
 
 
+def test_bursts_of_one_turn_are_bounded_together(session: Session) -> None:
+    for number in range(5):
+        session.approved("drive", {"angular_z": 0.1 * number, "duration_s": 2})
+    assert session.refusal("drive", {"angular_z": 0.7, "duration_s": 0.1})["error"] == envelope.TOO_LONG
+    session.turn()
+    session.approved("drive", {"angular_z": 0.7, "duration_s": 0.1})
+
+
+def test_limits_of_a_burst_do_not_apply_to_navigation(session: Session) -> None:
+    session.approved("set_speed_cap", {"value": 0.1})
+    assert session.confirmed("nav_forward", {"forward_m": 20.0})["forward_m"] == 20.0
+
+
 @given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(0.0, 0.6), st.floats(0.0, 1.9))
 def test_no_velocity_exceeds_the_limits(x: float, y: float, turn: float, linear: float, angular: float) -> None:
     limited = limit_velocity({"linear_x": x, "linear_y": y, "angular_z": turn}, linear, angular)
@@ -208,11 +221,18 @@ def test_confirmation_counts_only_in_the_next_turn(session: Session) -> None:
 
 def test_confirmation_is_outdated_by_a_stop_meanwhile(session: Session) -> None:
     outdated: list[str] = []
-    session.set(outdated=lambda: "".join(outdated))
+    session.set(become_outdated=lambda: "".join(outdated))
     second = session.read_back("nav_goto", GOAL)
     outdated.append("the robot was stopped")
     session.turn()
     assert session.refusal("nav_goto", second)["error"] == "the robot was stopped"
+
+
+def test_call_that_waited_over_a_stop_is_refused(session: Session) -> None:
+    session.set(outdated="the robot was stopped since")
+    assert session.refusal("drive", BURST)["error"] == "the robot was stopped since"
+    assert session.approved("query_state")
+    assert session.approved("stop") == {}
 
 
 def test_cancel_forgets_what_was_read_back(session: Session) -> None:

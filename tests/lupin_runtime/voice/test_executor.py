@@ -54,7 +54,7 @@ class FakeRobot:
     async def send_goal(self, goal: Pose2) -> None:
         self.done.append(goal)
 
-    def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
+    async def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
         self.done.append(("burst", linear_x, linear_y, angular_z, duration_s))
 
     def stop_wheels(self) -> None:
@@ -137,6 +137,19 @@ def test_unknown_location_lists_the_names(robot: FakeRobot) -> None:
     result = carry_out(robot, "nav_goto_named", name="the moon")
     assert not result["ok"] and result["locations"] == [{"untrusted": "home"}, {"untrusted": "Row 3"}]
     assert robot.done == []
+
+
+@pytest.mark.parametrize(
+    ("tool", "name", "is_known"),
+    [("nav_goto_named", "ROW 3", True), ("nav_goto_named", "moon", False), ("arm_goto_pose", "Home", True),
+     ("arm_goto_pose", "Wave", True), ("arm_goto_pose", "hello", False), ("arm_run_sequence", "hello", True),
+     ("arm_run_sequence", "wave", False), ("arm_preset", "home", True)],
+)  # fmt: skip
+def test_unknown_name_is_found_before_it_is_read_back(robot: FakeRobot, tool: str, name: str, is_known: bool) -> None:
+    found = asyncio.run(Executor(robot).find_unknown_name(tool, {"name": name}))
+    assert (found is None) is is_known and (found is None or found["ok"] is False)
+    robot.answers[graph.ARM_LIBRARY_LIST.name] = {"json": "damaged"}
+    assert asyncio.run(Executor(robot).find_unknown_name("arm_goto_pose", {"name": "wave"})) is None
 
 
 @pytest.mark.parametrize(
