@@ -9,16 +9,16 @@ export type Credential = "console" | "browser" | "script";
 
 const SERVICE_URL = "wss://generativelanguage.googleapis.com/ws/google.ai.generativelanguage.v1beta.GenerativeService.BidiGenerateContent";
 
-/** Whether the console keeps a key; null until it has said so. */
-export const useConsoleKey = create<{ isStored: boolean | null }>(() => ({ isStored: null }));
+/** Whether the console keeps a key; null until it has said so. `problem`: why it could not say. */
+export const useConsoleKey = create<{ isStored: boolean | null; problem: Error | null }>(() => ({ isStored: null, problem: null }));
 
 /** Ask the console whether it keeps a key. One that does not answer has none to offer. */
 export async function loadConsoleKey(): Promise<void> {
   try {
     const answer = await getJson<{ stored: unknown }>("/_api/voice/key");
-    useConsoleKey.setState({ isStored: answer.stored === true });
-  } catch {
-    useConsoleKey.setState({ isStored: false });
+    useConsoleKey.setState({ isStored: answer.stored === true, problem: null });
+  } catch (error) {
+    useConsoleKey.setState({ isStored: false, problem: error instanceof Error ? error : new Error(String(error)) });
   }
 }
 

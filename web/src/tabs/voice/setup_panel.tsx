@@ -1,10 +1,11 @@
 import { Circle, CircleCheck } from "lucide-react";
+import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { useSetting } from "@/state/settings";
 import { fixed } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { offersMicrophone } from "./audio/microphone";
-import { useCredential } from "./credentials";
+import { useConsoleKey, useCredential } from "./credentials";
 import { KeyForm } from "./key_form";
 import { type Requirement, requirements } from "./requirements";
 import { useVoiceKey } from "./voice_key";
@@ -15,6 +16,7 @@ export function SetupPanel() {
   const text = useText();
   const by = useCredential();
   const isKeyKept = useVoiceKey((store) => store.isKept);
+  const problem = useConsoleKey((store) => store.problem);
   const model = useSetting("geminiModel");
   const language = useSetting("voiceLanguage");
   const linear = useSetting("voiceMaxLinearMps");
@@ -42,6 +44,7 @@ export function SetupPanel() {
           <Need key={need.title} {...need} />
         ))}
       </ul>
+      {problem !== null && <p className="text-sm break-words text-attention">{text("voice_key_problem", { reason: errorText(problem) })}</p>}
       <ul className="flex list-disc flex-col gap-1 pl-5 text-sm text-text-2">
         <li>{text("voice_rule_control")}</li>
         <li>{text("voice_rule_stop")}</li>
