@@ -55,7 +55,7 @@ def mint(server: LiveServer) -> Any:
     return asyncio.run(run())
 
 
-def request(role: Role, body: Any, path: str = "/_api/voice/token") -> tuple[int, Any]:
+def ask(role: Role, body: Any, path: str = "/_api/voice/token") -> tuple[int, Any]:
     """Send a request as a browser of this role, with a console whose service is the server of tests."""
 
     async def run() -> tuple[int, Any]:
@@ -63,10 +63,10 @@ def request(role: Role, body: Any, path: str = "/_api/voice/token") -> tuple[int
         tokens = VoiceTokens({SERVICE_VARIABLE: await server.start()})
 
         @web.middleware
-        async def guard(asked: web.Request, handler: Handler) -> web.StreamResponse:
-            asked[SESSION] = Session("phone-1", role)
+        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+            request[SESSION] = Session("phone-1", role)
             try:
-                return await handler(asked)
+                return await handler(request)
             except Refused as refusal:
                 return web.json_response({"error": str(refusal)}, status=403)
 
@@ -192,18 +192,18 @@ def test_key_is_sent_encrypted_or_to_this_computer_only() -> None:
 
 def test_operator_gets_a_token_and_the_address_of_the_service() -> None:
     write_key(key_file(), KEY)
-    status, answer = request(Role.OPERATOR, {"model": MODEL})
+    status, answer = ask(Role.OPERATOR, {"model": MODEL})
     assert status == 200 and answer["token"] == "auth_tokens/0"
     assert answer["url"].startswith("ws://127.0.0.1:") and KEY not in json.dumps(answer)
-    assert request(Role.VIEWER, None, "/_api/voice/key") == (200, {"stored": True})
+    assert ask(Role.VIEWER, None, "/_api/voice/key") == (200, {"stored": True})
 
 
 def test_viewer_gets_no_token() -> None:
     write_key(key_file(), KEY)
-    status, answer = request(Role.VIEWER, {"model": MODEL})
+    status, answer = ask(Role.VIEWER, {"model": MODEL})
     assert status == 403 and "is a viewer" in answer["error"]
 
 
 @pytest.mark.parametrize("body", [{}, {"model": 5}, {"model": "gemini"}, {"model": "models/../x"}])
 def test_token_is_for_a_model_that_is_named(body: Any) -> None:
-    assert request(Role.OPERATOR, body)[0] == 400
+    assert ask(Role.OPERATOR, body)[0] == 400

@@ -61,6 +61,7 @@ const en = {
   voice_says_refused: "That was refused.",
 
   voice_transcript: "Transcript",
+  voice_transcript_list: "What was said",
   voice_transcript_empty: "What you and the agent say appears here.",
   voice_who_operator: "You",
   voice_who_agent: "Agent",
@@ -69,6 +70,7 @@ const en = {
   voice_forgot: "The connection was lost. The agent remembers nothing of what was said before.",
 
   voice_calls: "Tools",
+  voice_calls_list: "Tools that were called",
   voice_calls_empty: "Each tool that the agent calls appears here, with its result or why it was refused.",
   voice_call_running: "running",
   voice_call_done: "done",
@@ -188,6 +190,7 @@ const nl: Record<keyof typeof en, string> = {
   voice_says_refused: "Dat werd geweigerd.",
 
   voice_transcript: "Gesprek",
+  voice_transcript_list: "Wat er gezegd is",
   voice_transcript_empty: "Hier komt wat u en de assistent zeggen.",
   voice_who_operator: "U",
   voice_who_agent: "Assistent",
@@ -196,6 +199,7 @@ const nl: Record<keyof typeof en, string> = {
   voice_forgot: "De verbinding viel weg. De assistent weet niets meer van wat er gezegd is.",
 
   voice_calls: "Opdrachten",
+  voice_calls_list: "Gegeven opdrachten",
   voice_calls_empty: "Hier komt elke opdracht van de assistent, met de uitkomst of de reden van weigering.",
   voice_call_running: "bezig",
   voice_call_done: "gedaan",

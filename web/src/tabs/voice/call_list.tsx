@@ -25,7 +25,7 @@ export function CallList() {
       {calls.length === 0 ? (
         <p className="py-2 text-text-3">{text("voice_calls_empty")}</p>
       ) : (
-        <ScrollRegion aria-label={text("voice_calls")} className="-mx-2 min-h-0 grow px-2 max-lg:max-h-80">
+        <ScrollRegion aria-label={text("voice_calls_list")} className="-mx-2 min-h-0 grow px-2 max-lg:max-h-80">
           <ol className="flex flex-col">
             {calls.toReversed().map((call) => (
               <Row key={call.id} call={call} />

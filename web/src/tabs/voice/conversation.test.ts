@@ -184,6 +184,27 @@ describe("an interrupted answer", () => {
     expect(player.play).toHaveBeenCalledOnce();
   });
 
+  it("of which the model does not know is answered without being carried out", async () => {
+    const { conversation, live, desk } = await begun();
+    conversation.say("drive");
+    live.deliver(AUDIO);
+    conversation.interrupt();
+    live.deliver(call("late", "drive", { duration_s: 1 }));
+    expect(calls(desk)).toEqual([]);
+    expect(JSON.stringify(live.sent.at(-1))).toContain("the operator interrupted");
+  });
+
+  it("of which a call is being carried out does not answer it", async () => {
+    const { conversation, live, answer } = await begun();
+    conversation.say("where are you?");
+    live.deliver(call("1"));
+    conversation.beginSpeech();
+    live.sent.length = 0;
+    await answer("1", { ok: true });
+    expect(live.sent).toEqual([]);
+    expect(view().calls).toMatchObject([{ state: "done" }]);
+  });
+
   it("ends the burst if the operator pressed the button", async () => {
     const { conversation, live, desk } = await begun();
     conversation.say("drive");

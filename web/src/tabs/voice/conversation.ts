@@ -53,6 +53,8 @@ export class Conversation {
   private isAnswering = false;
   /** Whether what comes belongs to an answer that was interrupted. */
   private isStale = false;
+  /** Whether the model was not told of that: it still waits for the results of its calls. */
+  private isUntold = false;
   private latency: Latency = { soundMs: null, callMs: null };
   private readonly unanswered = new Set<string>();
   private readonly prefix = `${Date.now().toString(36)}${Math.random().toString(36).slice(2, 8)}`;
@@ -185,6 +187,7 @@ export class Conversation {
   private receive(frame: ServerFrame): void {
     if (frame.heard !== "") this.show({ transcript: extended(this.view.transcript, "operator", frame.heard) });
     if (!this.isStale) this.takeAnswer(frame);
+    else if (this.isUntold) this.live.respond(frame.calls.map(({ id, name }) => ({ id, name, response: { ok: false, error: INTERRUPTED } })));
     for (const id of frame.cancelled) this.forgetCall(id);
     if (frame.isInterrupted) this.parts.player.flush();
     if (frame.isInterrupted || frame.isTurnComplete) this.endAnswer();
@@ -260,6 +263,9 @@ export class Conversation {
     this.turn = { id: `${this.prefix}-${this.turns}`, kind, ended, endedMs: ended ? this.now() : null, refusals: 0 };
     this.console.announceTurn(this.turn.id, kind, ended);
     this.isStale = this.isAnswering;
+    this.isUntold = kind === "button";
+    // Speech and text make the service cancel what it had called; an answer would be to a call that is unknown by then.
+    if (!this.isUntold) this.unanswered.clear();
     this.latency = { soundMs: null, callMs: null };
     this.parts.player.flush();
     // The next turn answers what was read back, by a button or in words.
@@ -288,3 +294,4 @@ export class Conversation {
 }
 
 const CONFIRMATION = "confirmation";
+const INTERRUPTED = "the operator interrupted; call nothing more, and wait for their next turn";

@@ -2,6 +2,7 @@
 import { create } from "zustand";
 import { getJson, postJson } from "@/api/http";
 import { type MessageSocket, openScriptedAgent, openSocket } from "@/api/sockets";
+import { IS_MOCK } from "@/environment";
 import { TextError } from "@/i18n/text_error";
 import { useVoiceKey } from "./voice_key";
 
@@ -22,8 +23,9 @@ export async function loadConsoleKey(): Promise<void> {
   }
 }
 
-/** The console's key comes first: it never leaves that computer. */
-export function credential(isStoredByConsole: boolean | null, browserKey: string): Credential {
+/** The console's key comes first: it never leaves that computer. No model is reached from the mock mode. */
+export function credential(isStoredByConsole: boolean | null, browserKey: string, isMock = IS_MOCK): Credential {
+  if (isMock) return "script";
   if (isStoredByConsole === true) return "console";
   return browserKey !== "" ? "browser" : "script";
 }

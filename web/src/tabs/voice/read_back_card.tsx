@@ -15,7 +15,10 @@ export function ReadBackCard() {
   if (readBack === null || seconds <= 0) return null;
   return (
     <section aria-labelledby="voice-confirm" data-testid="voice-confirm" className="flex flex-col gap-3 rounded-lg border border-attention bg-attention-wash p-4">
-      <h2 id="voice-confirm" role="alert" className="text-sm font-semibold text-attention">
+      <span role="alert" className="sr-only">
+        {text("voice_confirm_title")} {readBack.sentence}
+      </span>
+      <h2 id="voice-confirm" className="text-sm font-semibold text-attention">
         {text("voice_confirm_title")}
       </h2>
       <p className="text-lead leading-snug font-bold break-words">

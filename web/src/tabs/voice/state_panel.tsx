@@ -13,7 +13,7 @@ import { RobotWords } from "@/ui/robot_words";
 import { Segments } from "@/ui/segments";
 import { useCredential } from "./credentials";
 import { TalkButton } from "./talk_button";
-import { type TalkMode, endVoice, interruptAgent, startVoice, talkMode } from "./voice_session";
+import { type TalkMode, endTalk, endVoice, interruptAgent, startVoice, talkMode } from "./voice_session";
 import { type VoiceView, useVoice } from "./voice_store";
 import { type VoiceState, voiceState } from "./view_state";
 
@@ -89,6 +89,7 @@ export function StatePanel({ isStopped }: { isStopped: boolean }) {
           label={text("voice_mode")}
           value={mode === "hold" ? "hold" : "open"}
           onChange={(next) => {
+            endTalk();
             changeSettings({ voicePushToTalk: next === "hold" }).catch(showProblem);
           }}
           options={[

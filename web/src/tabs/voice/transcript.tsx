@@ -1,5 +1,6 @@
 import { type UIEvent, useEffect, useRef } from "react";
 import { useText } from "@/i18n/text";
+import { useSetting } from "@/state/settings";
 import { cn } from "@/ui/cn";
 import { Panel } from "@/ui/panel";
 import { ScrollRegion } from "@/widgets/scroll_region";
@@ -27,8 +28,8 @@ export function Transcript() {
       {entries.length === 0 ? (
         <p className="py-2 text-text-3">{text("voice_transcript_empty")}</p>
       ) : (
-        <ScrollRegion ref={frame} onScroll={noteScroll} aria-label={text("voice_transcript")} className="-mx-2 min-h-0 grow px-2 max-lg:max-h-80">
-          <ol className="flex flex-col gap-3 py-1" role="log">
+        <ScrollRegion ref={frame} onScroll={noteScroll} aria-label={text("voice_transcript_list")} aria-live="polite" className="-mx-2 min-h-0 grow px-2 max-lg:max-h-80">
+          <ol className="flex flex-col gap-3 py-1">
             {entries.map((entry) => (
               <Line key={entry.number} entry={entry} />
             ))}
@@ -41,11 +42,14 @@ export function Transcript() {
 
 function Line({ entry: { who, text: words } }: { entry: Entry }) {
   const text = useText();
+  const isScripted = useVoice((view) => view.isScripted);
+  const spoken = useSetting("voiceLanguage");
+  // A script speaks the language of the page.
+  const language = isScripted ? undefined : spoken;
   return (
     <li className={cn("max-w-[46rem] border-l-2 pl-3", who === "operator" ? "border-sensed" : who === "page" ? "border-attention" : "border-alive")}>
       <span className="block text-xs text-text-3">{text(`voice_who_${who}`)}</span>
-      {/* What people and models say is in a language of theirs. */}
-      <span lang={who === "page" ? undefined : ""} className={cn("text-base break-words whitespace-pre-wrap", who === "page" && "text-sm text-text-2")}>
+      <span lang={who === "page" ? undefined : language} className={cn("text-base break-words whitespace-pre-wrap", who === "page" && "text-sm text-text-2")}>
         {words}
       </span>
     </li>

@@ -17,6 +17,7 @@ describe("the state of the voice agent", () => {
     expect(state({ session: "connecting" })).toBe("connecting");
     expect(state(ON)).toBe("listening");
     expect(state({ ...ON, microphone: "off" })).toBe("typing");
+    expect(state({ ...ON, microphone: "off", isScripted: true })).toBe("listening");
     expect(state({ ...ON, isOperatorSpeaking: true })).toBe("hearing");
     expect(state({ ...ON, isThinking: true })).toBe("thinking");
     expect(state({ ...ON, isAgentSpeaking: true, isThinking: true })).toBe("speaking");

@@ -27,6 +27,9 @@ const FRAME_MS = 50;
 /** Frames before the begin of an utterance that belong to it: its first sound is below the threshold. */
 const PREROLL_FRAMES = 6;
 
+/** The conversation begins without the arm's library where that takes longer. */
+const LIBRARY_WITHIN_MS = 1000;
+
 /** How the operator's turns begin and end: a held button, loudness, or a button that is pressed twice. */
 export type TalkMode = "hold" | "open" | "toggle";
 
@@ -69,9 +72,8 @@ class VoiceSession {
 
   async start(): Promise<void> {
     useVoice.setState({ isScripted: this.by === "script", microphoneProblem: null, transcript: [], calls: [] });
-    const library = this.loadLibrary();
     const microphone = this.openMicrophone();
-    await library;
+    await Promise.race([this.loadLibrary(), new Promise((resolve) => setTimeout(resolve, LIBRARY_WITHIN_MS))]);
     if (!this.isOver) this.conversation.start();
     await microphone;
   }

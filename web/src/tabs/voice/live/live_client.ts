@@ -77,7 +77,7 @@ export class LiveClient {
 
   respond(responses: readonly FunctionResponse[]): void {
     // A new connection does not know the calls of the last one.
-    if (this.isReady) this.send(responseMessage(responses));
+    if (this.isReady && responses.length > 0) this.send(responseMessage(responses));
   }
 
   /** Note whether a turn is going on: a connection that is about to end is replaced between two of them. */
