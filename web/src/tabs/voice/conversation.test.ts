@@ -275,6 +275,18 @@ describe("the view", () => {
     expect(view().transcript.map(({ text }) => text)).toEqual(["hello", "Good morning.", "Yes?"]);
   });
 
+  it("keeps an utterance before its answer, also where its words come later", async () => {
+    const { conversation, live } = await begun();
+    conversation.beginSpeech();
+    conversation.endSpeech();
+    live.deliver({ serverContent: { outputTranscription: { text: "Here." } } });
+    live.deliver({ serverContent: { inputTranscription: { text: " where are you?" } } });
+    expect(view().transcript).toMatchObject([
+      { who: "operator", text: "where are you?" },
+      { who: "agent", text: "Here." },
+    ]);
+  });
+
   it("keeps 80 turns and 40 calls", async () => {
     const { conversation, live, answer } = await begun();
     for (let turn = 0; turn < 100; turn += 1) conversation.say(`turn ${turn}`);

@@ -107,7 +107,10 @@ export class Conversation {
     this.turn.ended = true;
     this.turn.endedMs = this.now();
     this.console.announceTurn(this.turn.id, "speech", true);
-    this.show({ isOperatorSpeaking: false, isThinking: true });
+    const { transcript } = this.view;
+    // Its words may come after those of the answer.
+    const isHeard = transcript.some(({ who, isOpen }) => who === "operator" && isOpen);
+    this.show({ isOperatorSpeaking: false, isThinking: true, transcript: isHeard ? transcript : withEntry(transcript, "operator", "", true) });
   }
 
   say(text: string): void {
@@ -175,7 +178,8 @@ export class Conversation {
   private reconnecting(): void {
     // The calls of the lost connection are not answered on the next one.
     this.unanswered.clear();
-    this.show({ session: "connecting" });
+    this.isAnswering = false;
+    this.show({ session: "connecting", isThinking: false });
   }
 
   private fail(error: Error): void {

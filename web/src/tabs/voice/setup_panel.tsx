@@ -1,4 +1,5 @@
 import { Circle, CircleCheck } from "lucide-react";
+import { IS_MOCK } from "@/environment";
 import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { useSetting } from "@/state/settings";
@@ -49,7 +50,7 @@ export function SetupPanel() {
         <li>{text("voice_rule_control")}</li>
         <li>{text("voice_rule_stop")}</li>
       </ul>
-      {by !== "console" && <KeyForm />}
+      {by !== "console" && !IS_MOCK && <KeyForm />}
     </Panel>
   );
 }

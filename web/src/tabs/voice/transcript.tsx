@@ -50,7 +50,7 @@ function Line({ entry: { who, text: words } }: { entry: Entry }) {
     <li className={cn("max-w-[46rem] border-l-2 pl-3", who === "operator" ? "border-sensed" : who === "page" ? "border-attention" : "border-alive")}>
       <span className="block text-xs text-text-3">{text(`voice_who_${who}`)}</span>
       <span lang={who === "page" ? undefined : language} className={cn("text-base break-words whitespace-pre-wrap", who === "page" && "text-sm text-text-2")}>
-        {words}
+        {words === "" ? "…" : words}
       </span>
     </li>
   );

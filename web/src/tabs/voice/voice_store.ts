@@ -90,7 +90,7 @@ let lastNumber = 0;
 export function extended(transcript: readonly Entry[], who: Entry["who"], text: string): readonly Entry[] {
   const open = transcript.findLast((entry) => entry.isOpen && entry.who === who);
   if (open === undefined) return withEntry(transcript, who, text.trimStart(), true);
-  return transcript.map((entry) => (entry === open ? { ...entry, text: entry.text + text } : entry));
+  return transcript.map((entry) => (entry === open ? { ...entry, text: (entry.text + text).trimStart() } : entry));
 }
 
 export function withEntry(transcript: readonly Entry[], who: Entry["who"], text: string, isOpen = false): readonly Entry[] {
