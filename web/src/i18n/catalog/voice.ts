@@ -90,6 +90,7 @@ const en = {
 
   voice_setup: "Setup",
   voice_model: "Model",
+  voice_more_settings: "Language, speeds, detection",
   voice_language: "Language",
   voice_limits: "Limits",
   voice_limits_value: "{linear} m/s, {angular} rad/s",
@@ -219,6 +220,7 @@ const nl: Record<keyof typeof en, string> = {
 
   voice_setup: "Instelling",
   voice_model: "Model",
+  voice_more_settings: "Taal, snelheden, spraakherkenning",
   voice_language: "Taal",
   voice_limits: "Grenzen",
   voice_limits_value: "{linear} m/s, {angular} rad/s",
