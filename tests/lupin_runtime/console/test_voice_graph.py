@@ -35,9 +35,7 @@ class Robot:
         self.velocities: list[tuple[float, float, float]] = []
         self.goals: list[Any] = []
         self.stops: list[bool] = []
-        self.sink: list[float] = []
         self.node.subscription(graph.CMD_VEL_MANUAL, lambda m: self.velocities.append((m.linear.x, m.linear.y, m.angular.z)))
-        self.node.subscription(graph.CMD_VEL_SINK_SIM, lambda m: self.sink.append(m.linear.x))
         self.node.subscription(graph.GOAL_POSE, self.goals.append)
         self.node.subscription(graph.CONSOLE_STOP, lambda m: self.stops.append(json.loads(m.data)["engaged"]))
         host.add(self.node)
@@ -114,26 +112,6 @@ def test_burst_is_limited_and_ends_with_zeros(graph_host: GraphHost, robot: Robo
     assert moving == [pytest.approx((0.18, 0.24, -0.8))] * len(moving) and 1 <= len(moving) <= 7
     voice.wait_for_state(lambda state: state["is_driving"])
     voice.wait_for_state(lambda state: not state["is_driving"] and state["turn"] == 1)
-
-
-def test_burst_reaches_the_base_through_the_drive_bus(graph_host: GraphHost, robot: Robot, voice: VoiceClient) -> None:
-    from std_msgs.msg import Bool
-
-    from lupin_runtime.drive.node import TwistMux
-
-    bus = graph_host.add(TwistMux({}))
-    estop = robot.node.publisher(graph.ESTOP_STATE)
-    robot.node.create_timer(0.1, lambda: estop.publish(Bool(data=False)))
-    graph_host.until(lambda: bus.count_publishers(graph.CMD_VEL_MANUAL.name) and robot.sink, what="the bus")
-
-    def drives() -> bool:
-        voice.turn()
-        voice.call("drive", **BURST)
-        return any(speed > 0.0 for speed in robot.sink)
-
-    graph_host.until(drives, what="motion at the base")
-    voice.call("stop")
-    graph_host.until(lambda: robot.sink[-1] == 0.0, what="zero at the base")
 
 
 @pytest.mark.parametrize("end", ["stop", "cancel", "engage_estop", "close", "press", "lease", "setting"])
