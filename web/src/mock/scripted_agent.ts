@@ -29,7 +29,8 @@ const THINKS_MS = 500;
 const PIECE_MS = 120;
 const RATE_HZ = 24_000;
 const TONE_HZ = 330;
-const TONE_S = 0.5;
+/** The tone lasts a little longer than its words take to come. */
+const TONE_MORE_MS = 400;
 
 /** The script of a page without a key: it must not move a robot that may be real. */
 const STATE_SCRIPT: readonly Step[] = [
@@ -142,19 +143,18 @@ class ScriptedAgent implements PageServer {
         if (goesAway) this.socket.deliver({ goAway: { timeLeft: "30s" } });
         return;
       }
-      const data = piece.endsWith(" ") ? [] : [{ inlineData: { mimeType: `audio/pcm;rate=${RATE_HZ}`, data: tone() } }];
-      this.socket.deliver({ serverContent: { outputTranscription: { text: piece }, modelTurn: { parts: data } } });
+      this.socket.deliver({ serverContent: { outputTranscription: { text: piece } } });
       this.timer = setTimeout(next, PIECE_MS);
     };
-    // The voice of a script is a tone, which comes first.
-    this.socket.deliver({ serverContent: { modelTurn: { parts: [{ inlineData: { mimeType: `audio/pcm;rate=${RATE_HZ}`, data: tone() } }] } } });
+    const data = tone((pieces.length * PIECE_MS + TONE_MORE_MS) / 1000);
+    this.socket.deliver({ serverContent: { modelTurn: { parts: [{ inlineData: { mimeType: `audio/pcm;rate=${RATE_HZ}`, data } }] } } });
     next();
   }
 }
 
 /** A soft tone as PCM of 16 bits, in base64. */
-function tone(): string {
-  const count = Math.round(RATE_HZ * TONE_S);
+function tone(seconds: number): string {
+  const count = Math.round(RATE_HZ * seconds);
   const bytes = new Uint8Array(2 * count);
   const view = new DataView(bytes.buffer);
   for (let index = 0; index < count; index += 1) {

@@ -54,7 +54,7 @@ test("the robot is asked, driven and stopped by voice", async ({ page }) => {
   await page.getByTestId("stop").click();
   await untilState(page, "stopped");
   await talk(page);
-  await expect(tools(page)).toContainText("the page is stopped");
+  await expect(tools(page)).toContainText("the operator must hold its release button first");
   await hold(page, "release");
 
   await page.getByLabel("Type to the agent").fill("emergency");

@@ -83,13 +83,14 @@ test("what was read back is forgotten by the other button", async ({ page }) => 
   expect(errors).toEqual([]);
 });
 
-test("a stopped page refuses what moves the robot, and says why", async ({ page }) => {
+test("a page that cannot drive yet refuses what moves the robot, and says why", async ({ page }) => {
   await openVoice(page, "refused");
   await start(page);
-  await untilState(page, "stopped");
+  await untilState(page, "listening");
+  await expect(page.getByTestId("voice-state")).toContainText("This page cannot drive yet");
   await say(page, "drive");
   await expect(tools(page)).toContainText("refused");
-  await expect(tools(page)).toContainText("the page is stopped");
+  await expect(tools(page)).toContainText("the operator must hold its release button first");
 });
 
 test("an agent that calls again and again is refused for the turn", async ({ page }) => {
@@ -156,8 +157,8 @@ for (const width of [390, 1440]) {
       const names = language === "en" ? { start: "Start the script", confirm: "navigate to the location home" } : { start: "Script starten", confirm: "navigate to the location home" };
       for (const voice of ["confirm", "loop", "quota"]) {
         await openIn(page, language, "voice", `state=calm&control=you&voice=${voice}`);
-        await expectReadable(page, language, `${voice}, before the start`);
         await hold(page, "release");
+        await expectReadable(page, language, `${voice}, before the start`);
         await page.getByRole("button", { name: names.start }).click();
         await expect(page.getByTestId("talk")).toBeEnabled();
         await expectReadable(page, language, `${voice}, started`);

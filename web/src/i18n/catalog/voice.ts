@@ -16,7 +16,8 @@ const en = {
   voice_state_listening: "Listening",
   voice_state_typing: "Waiting for you",
 
-  voice_about_off: "Start a conversation with the robot.",
+  voice_closed: "This page cannot drive yet: what moves the robot is refused until you hold “Hold to start driving”.",
+  voice_about_off: "Start a conversation with the robot. It ends when you leave this tab.",
   voice_about_scripted_only: "No key for the Gemini API is stored. A script can show how it works: it reads the robot's state and moves nothing.",
   voice_about_connecting: "The page connects to the model. What you say now waits.",
   voice_about_link_lost: "The page has no link to the console, so no tool is carried out. The stop button on the robot still works.",
@@ -146,7 +147,8 @@ const nl: Record<keyof typeof en, string> = {
   voice_state_listening: "Luistert",
   voice_state_typing: "Wacht op u",
 
-  voice_about_off: "Begin een gesprek met de robot.",
+  voice_closed: "Deze pagina kan nog niet rijden: wat de robot beweegt, wordt geweigerd tot u “Ingedrukt houden om te rijden” ingedrukt houdt.",
+  voice_about_off: "Begin een gesprek met de robot. Het eindigt zodra u dit tabblad verlaat.",
   voice_about_scripted_only: "Er is geen sleutel voor de Gemini-API bewaard. Een script kan tonen hoe het werkt: het leest de toestand van de robot en beweegt niets.",
   voice_about_connecting: "De pagina maakt verbinding met het model. Wat u nu zegt, wacht even.",
   voice_about_link_lost: "De pagina heeft geen verbinding met de console, dus er wordt niets uitgevoerd. De stopknop van de robot werkt nog.",

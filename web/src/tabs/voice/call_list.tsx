@@ -21,7 +21,7 @@ export function CallList() {
   const text = useText();
   const calls = useVoice((view) => view.calls);
   return (
-    <Panel title={text("voice_calls")} aside={calls.length > 0 && <span className="numeric">{calls.length}</span>} className="lg:min-h-64 lg:shrink lg:grow" bodyClassName="flex min-h-0 flex-col">
+    <Panel title={text("voice_calls")} aside={calls.length > 0 && <span className="numeric">{calls.length}</span>} className="lg:min-h-52 lg:shrink lg:grow" bodyClassName="flex min-h-0 flex-col">
       {calls.length === 0 ? (
         <p className="py-2 text-text-3">{text("voice_calls_empty")}</p>
       ) : (

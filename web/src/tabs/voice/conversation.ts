@@ -206,7 +206,6 @@ export class Conversation {
     for (const { data, rateHz } of frame.audio) {
       this.isAnswering = true;
       this.measure("soundMs");
-      this.show({ isThinking: false });
       this.parts.player.play(fromBase64(data), rateHz);
     }
     for (const call of frame.calls) {

@@ -38,7 +38,7 @@ const LOOKS: Record<VoiceState, Look> = {
 };
 
 /** What the agent does now, and the buttons to talk, to interrupt, to start and to end. */
-export function StatePanel({ isStopped }: { isStopped: boolean }) {
+export function StatePanel({ isStopped, isClosed }: { isStopped: boolean; isClosed: boolean }) {
   const text = useText();
   const view = useVoice();
   const by = useCredential();
@@ -53,15 +53,16 @@ export function StatePanel({ isStopped }: { isStopped: boolean }) {
 
   return (
     <section aria-label={text("voice_stage")} data-testid="voice-state" data-state={state} className="panel flex flex-col gap-4 p-4 md:p-5">
-      <div className="flex items-start gap-4">
+      <div className="flex items-start gap-4 max-md:flex-wrap">
         <Icon aria-hidden="true" className={cn("mt-0.5 size-9 shrink-0", tone)} />
-        <div className="min-w-0 grow">
+        <div className="min-w-0 grow max-md:basis-52">
           <h2 className={cn("text-xl leading-tight font-bold", tone)}>
             <Announced says={text(`voice_state_${state}`)}>{text(`voice_state_${state}`)}</Announced>
           </h2>
           <p className="mt-1 text-text-2">
             <About state={state} mode={shownMode} view={view} text={text} />
           </p>
+          {isOn && isClosed && !isStopped && <p className="mt-1 text-sm text-attention">{text("voice_closed")}</p>}
           {isOn && view.microphoneProblem !== null && <p className="mt-1 text-sm text-attention">{errorText(view.microphoneProblem)}</p>}
         </div>
         {view.latency !== null && <LatencyOf latency={view.latency} text={text} />}
@@ -75,7 +76,7 @@ export function StatePanel({ isStopped }: { isStopped: boolean }) {
               <Square />
               {text("voice_interrupt")}
             </Button>
-            <Button kind="quiet" onClick={endVoice}>
+            <Button kind="quiet" title={text("voice_ends_with_tab")} onClick={endVoice}>
               {text("voice_end")}
             </Button>
           </>
@@ -99,7 +100,6 @@ export function StatePanel({ isStopped }: { isStopped: boolean }) {
           className="ml-auto max-md:ml-0"
         />
       </div>
-      <p className="text-xs text-text-3">{text("voice_ends_with_tab")}</p>
     </section>
   );
 }
@@ -125,7 +125,7 @@ function LatencyOf({ latency, text }: { latency: NonNullable<VoiceView["latency"
     { label: text("voice_latency_call"), ms: latency.callMs },
   ];
   return (
-    <dl aria-label={text("voice_latency")} data-testid="voice-latency" className="shrink-0 text-right text-xs text-text-3">
+    <dl aria-label={text("voice_latency")} data-testid="voice-latency" className="shrink-0 text-right text-xs text-text-3 max-md:flex max-md:basis-full max-md:gap-4">
       {rows.map(({ label, ms }) => (
         <div key={label} className="flex items-baseline justify-end gap-2">
           <dt>{label}</dt>

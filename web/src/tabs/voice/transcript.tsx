@@ -24,7 +24,7 @@ export function Transcript() {
   }
 
   return (
-    <Panel title={text("voice_transcript")} className="min-h-52 grow" bodyClassName="flex min-h-0 flex-col">
+    <Panel title={text("voice_transcript")} className="min-h-52 grow lg:min-h-28" bodyClassName="flex min-h-0 flex-col">
       {entries.length === 0 ? (
         <p className="py-2 text-text-3">{text("voice_transcript_empty")}</p>
       ) : (

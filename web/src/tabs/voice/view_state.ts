@@ -19,7 +19,7 @@ export interface StateFacts {
   view: Pick<VoiceView, "session" | "isConsoleOpen" | "console" | "failure" | "isOperatorSpeaking" | "isThinking" | "isAgentSpeaking" | "microphone" | "isScripted">;
   /** Whether a model can be reached: the console or this browser has a key. */
   hasKey: boolean;
-  /** Whether the robot, or this page, is stopped. */
+  /** Whether the robot is stopped. */
   isStopped: boolean;
   /** Whether this page's link to the robot is lost. */
   isLinkLost: boolean;

@@ -229,7 +229,7 @@ function refusal({ name, args }: FunctionCall): ToolResult | null {
   }
   const isGated = rule === "estop" || (rule === "estop_on_start" && args["action"] === "start");
   // As at the sticks: what this page has not released, it moves by no other way.
-  if (isGated && gate.engaged) return { ok: false, blocked: true, error: "the page is stopped; do not try again before the operator has released it" };
+  if (isGated && gate.engaged) return { ok: false, blocked: true, error: "this page may not move the robot yet: the operator must hold its release button first; do not try again before that" };
   return null;
 }
 

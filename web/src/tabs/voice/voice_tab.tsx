@@ -14,20 +14,20 @@ import { endVoice, silenceAgent } from "./voice_session";
 /** The Voice tab: what the agent does now, what was said, and what its tools have done. */
 export default function VoiceTab() {
   const isClosed = useGate((gate) => gate.engaged);
-  const isStopped = useEstop().engaged === true || isClosed;
+  const isStopped = useEstop().engaged === true;
   useEffect(() => {
     void loadConsoleKey();
     return endVoice;
   }, []);
   useEffect(() => {
-    if (isStopped) silenceAgent();
-  }, [isStopped]);
+    if (isStopped || isClosed) silenceAgent();
+  }, [isStopped, isClosed]);
 
   return (
     <div className="grid min-h-full grid-cols-[minmax(0,1fr)] content-start gap-3 lg:h-full lg:min-h-0 lg:grid-cols-[minmax(0,1fr)_minmax(22rem,var(--column))] lg:grid-rows-[minmax(0,1fr)] lg:content-stretch">
       <div className="flex min-h-0 flex-col gap-3">
         <ScriptBanner />
-        <StatePanel isStopped={isStopped} />
+        <StatePanel isStopped={isStopped} isClosed={isClosed} />
         <ReadBackCard />
         <Transcript />
         <SayForm />
