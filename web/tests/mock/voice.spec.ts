@@ -158,6 +158,7 @@ for (const width of [390, 1440]) {
       for (const voice of ["confirm", "loop", "quota"]) {
         await openIn(page, language, "voice", `state=calm&control=you&voice=${voice}`);
         await hold(page, "release");
+        await expect(page.getByTestId("release")).toHaveCount(0);
         await expectReadable(page, language, `${voice}, before the start`);
         await page.getByRole("button", { name: names.start }).click();
         await expect(page.getByTestId("talk")).toBeEnabled();
