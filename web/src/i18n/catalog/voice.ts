@@ -167,7 +167,7 @@ const nl: Record<keyof typeof en, string> = {
   voice_start: "Starten",
   voice_start_script: "Script starten",
   voice_end: "Beëindigen",
-  voice_hold_to_talk: "Ingedrukt houden en praten",
+  voice_hold_to_talk: "Houd vast en praat",
   voice_release_to_send: "Loslaten om te verzenden",
   voice_press_to_talk: "Indrukken en praten",
   voice_press_to_send: "Indrukken om te verzenden",

@@ -49,7 +49,7 @@ export function TalkButton({ mode }: { mode: "hold" | "toggle" }) {
       aria-pressed={isSpeaking}
       {...handlers}
       className={cn(
-        "flex h-20 min-w-60 grow touch-none items-center justify-center gap-3 rounded-lg border text-lg font-bold select-none max-md:basis-full",
+        "flex h-20 min-w-60 grow touch-none px-5 items-center justify-center gap-3 rounded-lg border text-lg font-bold select-none max-md:basis-full",
         "disabled:cursor-not-allowed disabled:border-line disabled:bg-transparent disabled:text-text-3",
         isSpeaking ? "border-sensed bg-sensed-wash text-sensed" : "border-alive bg-alive text-alive-ink",
       )}
