@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -21,7 +22,10 @@ from pathlib import Path
 from bench.detached_run import start_run, stop_run
 from lupin_runtime import graph
 from lupin_runtime.console.description import read_description
+from lupin_runtime.console.voice_key import key_file, write_key
+from lupin_runtime.console.voice_token import SERVICE_VARIABLE
 from lupin_runtime.stack.runs import Run
+from tests.support.live_server import KEY
 from tools.build_page import WEB, BuildError, build, find_chromium, install_packages, node_path
 
 UP = ("--world", "walled", "--no-record", "--no-nav2")
@@ -32,6 +36,8 @@ IMPATIENT_MISSION = (
     "-p",
     "MissionOrchestrator.monitoring_sweeps=1",
 )
+# What the voice service hears in the utterances of voice.spec.ts, one after the other.
+HEARD = ("where are you", "drive a little", "drive a little")
 WAIT_TIMEOUT_S = 120.0
 SPECS_TIMEOUT_S = 1800.0
 _END_TIMEOUT_S = 20.0
@@ -57,6 +63,16 @@ def processes_beside(logs: Path) -> Iterator[Callable[[str, Sequence[str]], None
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+
+def prepare_voice_service() -> list[str]:
+    """Store a key, and tell the console the address of a voice service on this computer; return the command that starts it."""
+    write_key(key_file(), KEY)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    os.environ[SERVICE_VARIABLE] = f"http://127.0.0.1:{port}"
+    heard = [part for sentence in HEARD for part in ("--heard", sentence)]
+    return [sys.executable, "-m", "tests.support.live_server", "--port", str(port), *heard]
 
 
 def run_specs(run: Run, chromium: str, names: Sequence[str]) -> int:
@@ -117,11 +133,13 @@ def main(names: Sequence[str]) -> int:
     build()
     state = Path(tempfile.mkdtemp(prefix="lupin-live-"))
     os.environ["XDG_STATE_HOME"] = str(state)
+    voice_service = prepare_voice_service()
     print(f"starting the stack, with its state in {state}", flush=True)
     run = start_run(UP)
     status = 1
     try:
         with processes_beside(run.logs) as start:
+            start("voice-service", voice_service)
             lupin_run = (sys.executable, "-m", "lupin_cli.app", "run", "--run", run.id)
             start("mission-beside", (*lupin_run, *IMPATIENT_MISSION))
             _wait(lambda: run.state().get("mission", {}).get("lifecycle_state") == "FAULT", "a mission that gave up")

@@ -11,6 +11,7 @@ import typer
 
 from lupin_cli.command_group import command_group
 from lupin_cli.commands.console_certificate import certificate
+from lupin_cli.commands.console_voice import voice
 from lupin_cli.exit_codes import FAILURE, UNREACHABLE, USAGE_ERROR
 from lupin_cli.run.run_option import LIVE_RUN
 from lupin_cli.terminal import echo
@@ -35,6 +36,7 @@ app = command_group(
     invoke_without_command=True,
 )
 app.command()(certificate)
+app.add_typer(voice, name="voice")
 
 
 @app.callback()

@@ -46,6 +46,7 @@ from lupin_runtime.console.settings import settings_file, stored_settings
 from lupin_runtime.console.shared_data import SharedData
 from lupin_runtime.console.stop_registry import press_name
 from lupin_runtime.console.video import VideoRelay
+from lupin_runtime.console.voice_token import VoiceTokens
 from lupin_runtime.stack.runs import Run
 
 if TYPE_CHECKING:
@@ -134,6 +135,7 @@ class Origin:
         self._rewind = Rewind()
         self._settings: Mapping[str, Any] = {}  # those that were changed
         self._voice: VoiceAgents | None = None
+        self.voice_tokens = VoiceTokens()
         self._open: dict[Connection, Session] = {}
         self._open_paths: set[str] = set()
         self._rosbridge_count = 0  # connections so far
@@ -186,6 +188,7 @@ class Origin:
                 *self._maps.resources(),
                 *self._shared.resources(),
                 *self._plays.resources(),
+                *self.voice_tokens.resources(),
                 *self.video.resources(),
             ),
         )

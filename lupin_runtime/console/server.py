@@ -150,6 +150,7 @@ class ConsoleServer:
         closing = (
             self._connections.close(_CLOSE_TIMEOUT_S),
             self._origin.video.close(),
+            self._origin.voice_tokens.close(),
             asyncio.wait_for(self._origin.doctor.close(), 2 * _CLOSE_TIMEOUT_S),
         )
         for error in await asyncio.gather(*closing, return_exceptions=True):

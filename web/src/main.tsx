@@ -1,6 +1,7 @@
 import { StrictMode } from "react";
 import { createRoot } from "react-dom/client";
 import { answerRequestsBy } from "@/api/http";
+import { offerScriptedAgent, openSocketsBy } from "@/api/sockets";
 import { App } from "@/app";
 import { IS_MOCK } from "@/environment";
 import { setLanguage, useLanguage } from "@/i18n/text";
@@ -12,7 +13,11 @@ import { loadDeferred } from "@/ui/deferred";
 setLanguage(useLanguage.getState().language);
 // Outside of the mock mode, its chunk is never loaded.
 const mock = IS_MOCK ? await import("@/mock/mock") : null;
-if (mock !== null) answerRequestsBy(mock.answer);
+if (mock !== null) {
+  answerRequestsBy(mock.answer);
+  openSocketsBy(mock.openConsoleSocket);
+}
+offerScriptedAgent(() => (mock !== null ? Promise.resolve(mock.openVoiceAgent) : import("@/mock/scripted_agent").then(({ openScriptedAgent }) => () => openScriptedAgent())));
 startRobot(mock);
 followPage();
 

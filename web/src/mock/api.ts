@@ -99,6 +99,7 @@ export class MockApi {
     "GET /_api/settings": () => ({ version: SETTINGS_VERSION, settings: this.settings, table: [] }),
     "POST /_api/settings": ({ settings }) => this.changeSettings(settings as Body),
     "GET /_api/arm/library": () => JSON.parse(this.robot.world.library.listing()),
+    "GET /_api/voice/key": () => ({ stored: false }),
     "GET /_api/maps": () => this.savedMaps(),
     "POST /_api/maps": ({ name, replace }) => {
       this.authority.take();

@@ -2,6 +2,7 @@
 import { setOnline, useConsole } from "@/api/console_store";
 import { moveLocations, take } from "@/api/events";
 import { loadHistory } from "@/api/history";
+import type { MessageSocket } from "@/api/sockets";
 import type { Socket } from "@/ros/rosbridge";
 import { MockApi } from "./api";
 import { MockAuthority } from "./authority";
@@ -11,6 +12,8 @@ import { readOptions } from "./options";
 import { MockRecording } from "./recording";
 import { RosbridgeServer } from "./rosbridge_server";
 import { runState } from "./run_data";
+import { openVoiceConsole } from "./voice_console";
+import { openMockAgent } from "./voice_scripts";
 import { World } from "./world";
 
 const STEP_MS = 20;
@@ -46,6 +49,16 @@ function pushState(): void {
 /** A socket to the rosbridge of this page. */
 export function openSocket(): Socket {
   return rosbridge.open();
+}
+
+/** The voice endpoint of this page's console: no other socket is opened in the mock mode. */
+export function openConsoleSocket(): MessageSocket {
+  return openVoiceConsole(robot);
+}
+
+/** A connection to the scripted voice agent. */
+export function openVoiceAgent(): MessageSocket {
+  return openMockAgent(options.voice);
 }
 
 /** Answer a request to the page's own origin, as `fetch` does. */

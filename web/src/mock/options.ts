@@ -16,11 +16,19 @@ export type MockControl = (typeof MOCK_CONTROLS)[number];
 export const MOCK_FAULTS = ["nan", "empty", "none", "logs", "growing", "stalled", "nocamera", "skew", "button", "deaf", "astray"] as const;
 export type MockFault = (typeof MOCK_FAULTS)[number];
 
+/**
+ * What the scripted voice agent does: read the `state`, ask to `confirm` a drive, be `refused`, call in a `loop`, run out of its
+ * `quota`, go `away` to another connection, or be `offline`.
+ */
+export const MOCK_VOICES = ["state", "confirm", "refused", "loop", "quota", "away", "offline"] as const;
+export type MockVoice = (typeof MOCK_VOICES)[number];
+
 export interface MockOptions {
   state: MockState;
   control: MockControl;
   role: "operator" | "viewer";
   faults: ReadonlySet<MockFault>;
+  voice: MockVoice;
   /** The robot's time in s at which everything stands still; null: time runs. */
   clockS: number | null;
 }
@@ -39,6 +47,7 @@ export function readOptions(query: URLSearchParams): MockOptions {
     control,
     role,
     faults: new Set(MOCK_FAULTS.filter((each) => asked.includes(each))),
+    voice: MOCK_VOICES.find((each) => each === query.get("voice")) ?? "state",
     clockS: Number.isFinite(clockS) && clockS >= 0 ? clockS : null,
   };
 }

@@ -1,8 +1,9 @@
+// @vitest-environment jsdom
 import { describe, expect, it } from "vitest";
-import { requirements } from "./requirements";
+import { type VoiceFacts, requirements } from "./requirements";
 
-const ALL = { hasKey: true, isKeyKept: true, isSecure: true, hasMicrophone: true, hasEngine: true };
-const states = (facts: Partial<typeof ALL>) => requirements({ ...ALL, ...facts }).map(({ state }) => state);
+const ALL: VoiceFacts = { by: "console", isKeyKept: true, isSecure: true, hasMicrophone: true };
+const states = (facts: Partial<VoiceFacts>) => requirements({ ...ALL, ...facts }).map(({ state }) => state);
 
 describe("what voice needs", () => {
   it("is all there", () => {
@@ -10,10 +11,9 @@ describe("what voice needs", () => {
   });
 
   it("is named where it is missing", () => {
-    expect(states({ hasKey: false })[0]).toBe("voice_key_none");
-    expect(states({ isKeyKept: false })[0]).toBe("voice_key_page_only");
+    expect(states({ by: "script" })[0]).toBe("voice_key_none");
+    expect(states({ by: "browser", isKeyKept: false })[0]).toBe("voice_key_page_only");
     expect(states({ isSecure: false, hasMicrophone: false })[1]).toBe("voice_not_secure");
     expect(states({ hasMicrophone: false })[1]).toBe("voice_microphone_none");
-    expect(states({ hasEngine: false })[2]).toBe("voice_engine_none");
   });
 });

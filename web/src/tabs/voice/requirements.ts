@@ -1,5 +1,6 @@
 /** The requirements of voice, and which of them are met. */
 import type { TextKey } from "@/i18n/text";
+import type { Credential } from "./credentials";
 
 export interface Requirement {
   title: TextKey;
@@ -8,23 +9,22 @@ export interface Requirement {
 }
 
 export interface VoiceFacts {
-  hasKey: boolean;
+  by: Credential;
+  /** Whether the key of this browser is stored beyond this page. */
   isKeyKept: boolean;
   /** Browsers grant a microphone only to secure pages: over HTTPS, or on the computer that runs the console. */
   isSecure: boolean;
   hasMicrophone: boolean;
-  /** Whether this page contains the engine that talks to the voice service. */
-  hasEngine: boolean;
 }
 
-export function requirements({ hasKey, isKeyKept, isSecure, hasMicrophone, hasEngine }: VoiceFacts): Requirement[] {
+export function requirements({ by, isKeyKept, isSecure, hasMicrophone }: VoiceFacts): Requirement[] {
+  const keys: Record<Credential, TextKey> = { console: "voice_key_console", browser: isKeyKept ? "voice_key_kept" : "voice_key_page_only", script: "voice_key_none" };
   return [
-    { title: "voice_need_key", isMet: hasKey, state: !hasKey ? "voice_key_none" : isKeyKept ? "voice_key_kept" : "voice_key_page_only" },
+    { title: "voice_need_key", isMet: by !== "script", state: keys[by] },
     {
       title: "voice_need_microphone",
       isMet: isSecure && hasMicrophone,
       state: !isSecure ? "voice_not_secure" : hasMicrophone ? "voice_microphone_ready" : "voice_microphone_none",
     },
-    { title: "voice_need_engine", isMet: hasEngine, state: hasEngine ? "voice_engine_ready" : "voice_engine_none" },
   ];
 }

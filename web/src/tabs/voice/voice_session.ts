@@ -1,0 +1,239 @@
+/** The voice session of this page: one conversation with its sound, begun by a gesture and ended with the tab. */
+import { useConsole } from "@/api/console_store";
+import { getJson } from "@/api/http";
+import { openSocket } from "@/api/sockets";
+import { socketUrl } from "@/environment";
+import { VOICE_TOOLS, type VoiceToolName } from "@/generated/voice_tools";
+import { errorText } from "@/i18n/error_text";
+import { textIn } from "@/i18n/text";
+import { TextError } from "@/i18n/text_error";
+import { gate } from "@/robot/stop";
+import { CommandRefused, refuseCommand } from "@/safety/guard";
+import { setting } from "@/state/settings";
+import { showProblem } from "@/state/problems";
+import { Endpointer } from "./audio/endpointer";
+import { Microphone, offersMicrophone } from "./audio/microphone";
+import { loudness } from "./audio/pcm";
+import { Player, type PlayerContext } from "./audio/player";
+import type { ToolResult } from "./console_link";
+import { Conversation } from "./conversation";
+import { type Credential, openLive } from "./credentials";
+import { instruction } from "./instruction";
+import { liveModel } from "./live/models";
+import type { FunctionCall } from "./live/server_frame";
+import { useVoice } from "./voice_store";
+
+const FRAME_MS = 50;
+/** Frames before the begin of an utterance that belong to it: its first sound is below the threshold. */
+const PREROLL_FRAMES = 6;
+
+/** The conversation begins without the arm's library where that takes longer. */
+const LIBRARY_WITHIN_MS = 1000;
+
+/** How the operator's turns begin and end: a held button, loudness, or a button that is pressed twice. */
+export type TalkMode = "hold" | "open" | "toggle";
+
+export function talkMode(pushToTalk: boolean, detectsSpeech: boolean): TalkMode {
+  if (pushToTalk) return "hold";
+  return detectsSpeech ? "open" : "toggle";
+}
+
+class VoiceSession {
+  readonly conversation: Conversation;
+  private readonly context = new AudioContext();
+  private microphone: Microphone | null = null;
+  private isOver = false;
+  private preroll: Int16Array[] = [];
+  private talkedMs = 0;
+  private names: { poses: string[]; sequences: string[] } = { poses: [], sequences: [] };
+  private readonly endpointer = new Endpointer(() => ({
+    startThreshold: setting("voiceVadStartThreshold"),
+    endThreshold: setting("voiceVadEndThreshold"),
+    endHoldMs: setting("voiceVadEndHoldMs"),
+    maxUtteranceMs: setting("voiceVadMaxUtteranceMs"),
+  }));
+
+  /** To be called by a gesture: browsers let only that begin to play. */
+  constructor(private readonly by: Credential) {
+    void this.context.resume();
+    const model = liveModel(setting("geminiModel"));
+    this.conversation = new Conversation({
+      openLive: () => openLive(by, model.name),
+      model,
+      instruction: () => this.instruction(),
+      consoleUrl: socketUrl("/_api/voice"),
+      openConsole: openSocket,
+      player: new Player(this.context as unknown as PlayerContext, (isPlaying) => this.conversation.playing(isPlaying)),
+      refusal,
+      inWords: errorText,
+      ended: () => endVoice(),
+    });
+  }
+
+  async start(): Promise<void> {
+    useVoice.setState({ isScripted: this.by === "script", microphoneProblem: null, transcript: [], calls: [] });
+    const microphone = this.openMicrophone();
+    await Promise.race([this.loadLibrary(), new Promise((resolve) => setTimeout(resolve, LIBRARY_WITHIN_MS))]);
+    if (!this.isOver) this.conversation.start();
+    await microphone;
+  }
+
+  close(): void {
+    this.isOver = true;
+    this.microphone?.close();
+    this.conversation.close();
+    void this.context.close();
+    useVoice.setState({ microphone: "off", loudness: 0 });
+  }
+
+  /** Begin a turn in speech, of which a button or the endpointer is the cause. */
+  beginTalk(): void {
+    const { isOperatorSpeaking, isConsoleOpen } = useVoice.getState();
+    if (isOperatorSpeaking || !isConsoleOpen) return;
+    this.talkedMs = 0;
+    this.conversation.beginSpeech();
+    for (const frame of this.preroll) this.conversation.hear(frame);
+    this.preroll = [];
+  }
+
+  endTalk(): void {
+    this.endpointer.reset();
+    this.conversation.endSpeech();
+  }
+
+  private take(frame: Int16Array): void {
+    const level = loudness(frame);
+    useVoice.setState({ loudness: level });
+    if (document.hidden) {
+      // Nobody sees what the robot is told.
+      if (useVoice.getState().isOperatorSpeaking) this.endTalk();
+      return;
+    }
+    const mode = talkMode(setting("voicePushToTalk"), setting("voiceVadEnabled"));
+    const heard = mode === "open" ? this.endpointer.take(level, FRAME_MS) : null;
+    if (heard === "begin") this.beginTalk();
+    if (useVoice.getState().isOperatorSpeaking) this.conversation.hear(frame);
+    else this.preroll = [...this.preroll, frame].slice(-PREROLL_FRAMES);
+    if (heard === "end") this.endTalk();
+    this.talkedMs += FRAME_MS;
+    if (mode !== "open" && this.talkedMs >= setting("voiceVadMaxUtteranceMs") && useVoice.getState().isOperatorSpeaking) this.endTalk();
+  }
+
+  private async openMicrophone(): Promise<void> {
+    // A script hears nothing, so the operator is not asked for a microphone.
+    if (this.by === "script" || !offersMicrophone()) return;
+    const lost = (error: unknown) => useVoice.setState({ microphone: "off", loudness: 0, microphoneProblem: error instanceof Error ? error : new Error(String(error)) });
+    try {
+      const ended = () => {
+        this.endTalk();
+        lost(new TextError("voice_microphone_ended"));
+      };
+      const microphone = await Microphone.open(this.context, (frame) => this.take(frame), ended);
+      if (this.isOver) microphone.close();
+      else {
+        this.microphone = microphone;
+        useVoice.setState({ microphone: "on" });
+      }
+    } catch (error) {
+      if (!this.isOver) lost(error);
+    }
+  }
+
+  /** Read what the arm can replay, for the model. Without an answer, it asks by its tools. */
+  private async loadLibrary(): Promise<void> {
+    try {
+      const { poses, sequences } = await getJson<{ poses?: unknown; sequences?: unknown }>("/_api/arm/library");
+      this.names = { poses: namesOf(poses), sequences: namesOf(sequences) };
+    } catch {
+      // The arm's library is not running.
+    }
+  }
+
+  private instruction(): string {
+    return instruction({
+      language: setting("voiceLanguage"),
+      maxLinearMps: setting("voiceMaxLinearMps"),
+      maxAngularRps: setting("voiceMaxAngularRps"),
+      locations: Object.keys(useConsole.getState().locations),
+      ...this.names,
+      additions: setting("voiceSystemPrompt"),
+    });
+  }
+}
+
+let session: VoiceSession | null = null;
+
+/** Begin a conversation. To be called by a gesture. */
+export function startVoice(by: Credential): void {
+  if (session !== null || !mayCommand()) return;
+  session = new VoiceSession(by);
+  void session.start();
+}
+
+export function endVoice(): void {
+  const ended = session;
+  session = null;
+  ended?.close();
+}
+
+export function beginTalk(): void {
+  if (mayCommand()) session?.beginTalk();
+}
+
+export function endTalk(): void {
+  session?.endTalk();
+}
+
+export function say(text: string): void {
+  if (mayCommand()) session?.conversation.say(text);
+}
+
+export function confirmReadBack(): void {
+  if (mayCommand()) void session?.conversation.confirm();
+}
+
+export function refuseReadBack(): void {
+  session?.conversation.refuse();
+}
+
+export function interruptAgent(): void {
+  session?.conversation.interrupt();
+}
+
+/** Fall silent, as at a stop. The microphone goes on. */
+export function silenceAgent(): void {
+  session?.conversation.silence();
+}
+
+/** Whether this page may command now; says why not. */
+function mayCommand(): boolean {
+  try {
+    refuseCommand({});
+    return true;
+  } catch (error) {
+    showProblem(error);
+    return false;
+  }
+}
+
+/** Why this page may not have a call carried out now, for the model; null where the console decides. */
+function refusal({ name, args }: FunctionCall): ToolResult | null {
+  if (!Object.hasOwn(VOICE_TOOLS, name)) return null;
+  const { effect, gate: rule } = VOICE_TOOLS[name as VoiceToolName];
+  if (effect !== "motion" && effect !== "change") return null;
+  try {
+    refuseCommand({});
+  } catch (error) {
+    if (!(error instanceof CommandRefused) || error.phrase === null) throw error;
+    return { ok: false, error: textIn("en", error.phrase.key, error.phrase.values) };
+  }
+  const isGated = rule === "estop" || (rule === "estop_on_start" && args["action"] === "start");
+  // As at the sticks: what this page has not released, it moves by no other way.
+  if (isGated && gate.engaged) return { ok: false, blocked: true, error: "this page may not move the robot yet: the operator must hold its release button first; do not try again before that" };
+  return null;
+}
+
+function namesOf(rows: unknown): string[] {
+  if (!Array.isArray(rows)) return [];
+  return rows.flatMap((row: unknown) => (typeof row === "object" && row !== null && "name" in row && typeof row.name === "string" ? [row.name] : []));
+}
