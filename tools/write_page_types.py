@@ -48,7 +48,8 @@ EXTRA_SERVICES = {
     f"CANCEL_{row.name.upper()}": graph.Service(f"/{row.name}/_action/cancel_goal", "action_msgs/srv/CancelGoal")
     for row in (graph.NAVIGATE_TO_POSE, graph.NAVIGATE_THROUGH_POSES, graph.FOLLOW_WAYPOINTS)
 }
-EXTRA_MESSAGES = ("geometry_msgs/msg/TwistStamped",)
+EXTRA_TOPICS = {"NAVIGATE_STATUS": ("/navigate_to_pose/_action/status", "action_msgs/msg/GoalStatusArray")}
+EXTRA_MESSAGES = ("geometry_msgs/msg/TwistStamped", *(kind for _, kind in EXTRA_TOPICS.values()))
 
 _TYPED_ARRAYS = {
     "float": "Float32Array",
@@ -152,6 +153,10 @@ def graph_module() -> str:
         "BODY_IMAGE_SIM_INFO": _topic(graph.camera_info(graph.BODY_IMAGE_SIM)),
         "BODY_IMAGE_ROBOT_INFO": _topic(graph.camera_info(graph.BODY_IMAGE_ROBOT)),
         "GRIPPER_IMAGE_INFO": _topic(graph.camera_info(graph.GRIPPER_IMAGE)),
+    }
+    topics |= {
+        key: {"name": name, "type": kind, "console": graph.BY_VIEWER, "moves": False, "rateHz": None}
+        for key, (name, kind) in EXTRA_TOPICS.items()
     }
     services = {name: _request(row) for name, row in _named(graph.Service)}
     services |= {

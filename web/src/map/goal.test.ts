@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { goalMessage, goalProgress, initialPoseMessage, nudge, pathProblem, poseFromDrag } from "./goal";
+import { besideGoalM, goalMessage, goalProgress, idsOf, initialPoseMessage, nudge, pathProblem, poseFromDrag, statusSince } from "./goal";
 
 const ROBOT = { x: 0, y: 0, yaw: 1 };
 
@@ -32,13 +32,23 @@ describe("goals", () => {
     expect(pathProblem(999)).toBe("map_no_path");
   });
 
-  it("are confirmed by the robot's plan, not by having been sent", () => {
-    const goal = { x: 5, y: 0, yaw: 0 };
-    expect(goalProgress(goal, 100, { end: null, ageMs: Infinity }, ROBOT)).toBe("sent");
-    // A plan from before the goal was sent confirms nothing.
-    expect(goalProgress(goal, 100, { end: { x: 5, y: 0 }, ageMs: 500 }, ROBOT)).toBe("sent");
-    expect(goalProgress(goal, 900, { end: { x: 5, y: 0 }, ageMs: 500 }, ROBOT)).toBe("driving");
-    expect(goalProgress(goal, 5000, { end: { x: 1, y: 1 }, ageMs: 500 }, ROBOT)).toBe("unanswered");
-    expect(goalProgress(goal, 9000, { end: { x: 5, y: 0 }, ageMs: 2000 }, { x: 4.9, y: 0, yaw: 0 })).toBe("reached");
+  it("are what navigation says of them, not of those before", () => {
+    const goal = (id: number, sec: number, status: number) => ({ goal_info: { goal_id: { uuid: new Uint8Array(16).fill(id) }, stamp: { sec, nanosec: 0 } }, status });
+    const before = [goal(1, 10, 4), goal(2, 11, 6)];
+    const known = idsOf(before);
+    expect(statusSince(before, known)).toBeNull();
+    expect(statusSince([...before, goal(3, 12, 2)], known)).toBe(2);
+    expect(statusSince([goal(4, 13, 5), goal(3, 12, 2), ...before], known)).toBe(5);
+    expect(goalProgress(500, null)).toBe("sent");
+    expect(goalProgress(5000, null)).toBe("unanswered");
+    expect([1, 2, 3, 4, 5, 6].map((status) => goalProgress(60_000, status))).toEqual(["driving", "driving", "driving", "reached", "ended", "ended"]);
+  });
+
+  it("are said to be moved where the plan since then leads elsewhere", () => {
+    const at = { x: 5, y: 0 };
+    expect(besideGoalM(at, 900, { end: { x: 5, y: 0.41 }, ageMs: 500 })).toBeCloseTo(0.41);
+    expect(besideGoalM(at, 900, { end: { x: 5, y: 0.1 }, ageMs: 500 })).toBeNull();
+    expect(besideGoalM(at, 100, { end: { x: 1, y: 0 }, ageMs: 500 })).toBeNull(); // a plan from before
+    expect(besideGoalM(at, 900, { end: null, ageMs: Infinity })).toBeNull();
   });
 });

@@ -1,11 +1,12 @@
 /** Poses that the operator draws on the map: goals, the robot's pose, approaches of tags. */
 import type {
+  action_msgs_GoalStatus,
   geometry_msgs_Pose,
   geometry_msgs_PoseStamped,
   geometry_msgs_PoseWithCovarianceStamped,
   std_msgs_Header,
 } from "@/generated/messages";
-import { nav2_msgs_ComputePathToPose_Result as ERRORS } from "@/generated/messages";
+import { nav2_msgs_ComputePathToPose_Result as ERRORS, action_msgs_GoalStatus as STATES } from "@/generated/messages";
 import type { TextKey } from "@/i18n/text";
 import { type Pose2, wrapAngle } from "@/ros/tf";
 import type { Point } from "./view";
@@ -13,7 +14,7 @@ import type { Point } from "./view";
 /** RViz's standard deviations of a pose that was set by hand: 0.5 m and 15 degrees. */
 const VARIANCE_M2 = 0.25;
 const VARIANCE_RAD2 = (Math.PI / 12) ** 2;
-/** A plan that ends within this distance leads to the goal; a robot within this distance has reached the goal. */
+/** A plan that ends within this distance leads to the goal; from within this distance, a robot turns instead of driving there. */
 const NEAR_GOAL_M = 0.3;
 
 /** The pose of a drag from `start` to `end`; without a drag it looks from the robot to the goal, as a driver would arrive. */
@@ -73,13 +74,44 @@ export function pathProblem(code: number): TextKey | null {
   }
 }
 
-/** The outcome of a goal that was sent, judged by what the robot has published since. */
-export type GoalProgress = "sent" | "driving" | "reached" | "unanswered";
+/** What became of a goal that was sent, by what navigation says of it. */
+export type GoalProgress = "sent" | "driving" | "reached" | "ended" | "unanswered";
 
-export function goalProgress(goal: Pose2, sinceMs: number, plan: { end: Point | null; ageMs: number }, robot: Pose2 | null): GoalProgress {
-  const isNear = (point: Point | null) => point !== null && Math.hypot(point.x - goal.x, point.y - goal.y) < NEAR_GOAL_M;
-  const isPlanned = isNear(plan.end) && plan.ageMs < sinceMs;
-  if (isPlanned && isNear(robot) && plan.ageMs > 1500) return "reached";
-  if (isPlanned) return "driving";
-  return sinceMs < 4000 ? "sent" : "unanswered";
+const ANSWER_WITHIN_MS = 4000;
+
+export function goalProgress(sinceMs: number, status: number | null): GoalProgress {
+  switch (status) {
+    case null:
+    case STATES.STATUS_UNKNOWN:
+      return sinceMs < ANSWER_WITHIN_MS ? "sent" : "unanswered";
+    case STATES.STATUS_SUCCEEDED:
+      return "reached";
+    case STATES.STATUS_CANCELED:
+    case STATES.STATUS_ABORTED:
+      return "ended";
+    default:
+      return "driving";
+  }
+}
+
+export function idsOf(statuses: readonly action_msgs_GoalStatus[]): Set<string> {
+  return new Set(statuses.map(idOf));
+}
+
+function idOf({ goal_info }: action_msgs_GoalStatus): string {
+  return Array.from(goal_info.goal_id.uuid).join();
+}
+
+/** The status of the newest goal that navigation did not know when ours was sent; null without one. */
+export function statusSince(statuses: readonly action_msgs_GoalStatus[], known: ReadonlySet<string>): number | null {
+  const seconds = ({ goal_info: { stamp } }: action_msgs_GoalStatus) => stamp.sec + stamp.nanosec / 1e9;
+  const newer = statuses.filter((each) => !known.has(idOf(each)));
+  return newer.reduce<action_msgs_GoalStatus | null>((best, each) => (best === null || seconds(each) >= seconds(best) ? each : best), null)?.status ?? null;
+}
+
+/** How far from the goal a plan ends that came since it was sent, m; null where it leads there, or none has come. */
+export function besideGoalM(goal: Point, sinceMs: number, plan: { end: Point | null; ageMs: number }): number | null {
+  if (plan.end === null || plan.ageMs >= sinceMs) return null;
+  const distance = Math.hypot(plan.end.x - goal.x, plan.end.y - goal.y);
+  return distance < NEAR_GOAL_M ? null : distance;
 }

@@ -4,21 +4,22 @@ import { ACTIONS, TOPICS } from "@/generated/graph";
 import type { nav2_msgs_ComputePathToPose_Result } from "@/generated/messages";
 import { TextError } from "@/i18n/text_error";
 import { checkCommand, publish } from "@/robot/commands";
-import { link } from "@/robot/link";
+import { link, topics } from "@/robot/link";
 import { cancelGoals } from "@/robot/stop";
 import type { Pose2 } from "@/ros/tf";
 import { setting } from "@/state/settings";
-import { goalMessage, initialPoseMessage, pathProblem } from "./goal";
+import { goalMessage, idsOf, initialPoseMessage, pathProblem } from "./goal";
 import { type Preview, dropDraft, useMapUi } from "./map_ui";
 import { readPath } from "./route";
 
-/** Send the robot to a pose. Whether it goes is seen by its plan. Throws where the server refuses control. */
+/** Send the robot to a pose. Navigation says what becomes of it: its status is subscribed to while the map is shown. Throws where the server refuses control. */
 export async function sendGoal(pose: Pose2): Promise<void> {
   const row = { ...TOPICS.GOAL_POSE, name: setting("goalPoseTopic") };
   checkCommand(row);
   await takeControl();
+  const known = idsOf(topics.last(TOPICS.NAVIGATE_STATUS)?.message.status_list ?? []);
   if (!publish(row, goalMessage(pose, setting("mapFrame")))) throw new TextError("error_not_connected");
-  useMapUi.setState({ sent: { pose, atMs: performance.now() }, draft: null, preview: null, tool: "move" });
+  useMapUi.setState({ sent: { pose, atMs: performance.now(), known }, draft: null, preview: null, tool: "move" });
 }
 
 /** Tell the robot where it is. Throws where the server refuses control. */

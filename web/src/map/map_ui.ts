@@ -40,8 +40,8 @@ interface MapUi {
   tool: Tool;
   draft: Draft | null;
   preview: Preview | null;
-  /** The last goal that was sent from here. */
-  sent: { pose: Pose2; atMs: number } | null;
+  /** The last goal that was sent from here, and the ids of those that navigation knew then. */
+  sent: { pose: Pose2; atMs: number; known: ReadonlySet<string> } | null;
   selected: string | null;
   controls: ViewControls | null;
 }

@@ -1,7 +1,7 @@
 /** The mock topics: at which rate each is sampled, and its sample. */
 import { JOINTS, TOPICS } from "@/generated/graph";
 import { BATTERY } from "@/generated/robot";
-import type { MessageTypes, nav_msgs_OccupancyGrid, sensor_msgs_CameraInfo } from "@/generated/messages";
+import type { MessageTypes, action_msgs_GoalStatus, nav_msgs_OccupancyGrid, sensor_msgs_CameraInfo } from "@/generated/messages";
 import { LIDAR, WHEEL } from "@/generated/robot_model";
 import { type Pose2, compose } from "@/ros/tf";
 import { HEIGHT_CELLS, ORIGIN, RESOLUTION_M, TAGS, WIDTH_CELLS, boxOf, castRay, flowersOf, occupancy } from "./greenhouse";
@@ -73,6 +73,7 @@ export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.DISCOVERED_TAGS, 2, discoveredTags, true),
   row(TOPICS.OBSERVATIONS, 5, observation),
   row(TOPICS.PLAN, 5, plan, true),
+  row(TOPICS.NAVIGATE_STATUS, 2, ({ goals }) => ({ status_list: goals.map(goalStatus) }), true),
   row(TOPICS.MAP, 0.2, map, true),
   row(TOPICS.GLOBAL_COSTMAP, 1, ({ clockS }) => grid(clockS, costmap(), WIDTH_CELLS, HEIGHT_CELLS, ORIGIN), true),
   row(TOPICS.LOCAL_COSTMAP, 2, (world) => localCostmap(world), true),
@@ -86,6 +87,10 @@ export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.GRIPPER_IMAGE_INFO, 2, ({ clockS }) => cameraInfo(clockS, "gripper_camera_optical_frame")),
   { name: TOPICS.ROSOUT.name, type: TOPICS.ROSOUT.type, rateHz: 0.5, latched: false, make: logLines },
 ];
+
+function goalStatus({ stampS, status }: World["goals"][number], index: number): action_msgs_GoalStatus {
+  return { goal_info: { goal_id: { uuid: new Uint8Array(16).fill(index + 1) }, stamp: time(stampS) }, status };
+}
 
 function json(value: unknown): { data: string } {
   return { data: JSON.stringify(value) };

@@ -16,6 +16,7 @@ const GOAL_SPEED_MPS = 0.4;
 const TURN_RPS = 1.4;
 const ARRIVED_M = 0.04;
 const ARRIVED_RAD = 0.05;
+const EXECUTING = 2;
 const SKEW_S = 1000;
 const ASTRAY_AFTER_S = 2;
 /** The robot's fixed clock in screenshots, which must be reproducible. */
@@ -38,6 +39,8 @@ export class World {
   velocity: Velocity = STILL;
   winner: Winner = null;
   goal: Goal | null = null;
+  /** Every goal that was sent, with its status as in action_msgs/GoalStatus. */
+  readonly goals: { stampS: number; status: number }[] = [];
   readonly arm = new MockArm();
   readonly library = new MockArmLibrary(this.arm);
   readonly mission: MockMission;
@@ -97,7 +100,13 @@ export class World {
 
   sendGoal(pose: Pose2, ended: (status: number) => void = () => {}): void {
     this.cancelGoal();
-    this.goal = { pose, ended };
+    const sent = { stampS: this.clockS, status: EXECUTING };
+    this.goals.push(sent);
+    const end = (status: number) => {
+      sent.status = status;
+      ended(status);
+    };
+    this.goal = { pose, ended: end };
   }
 
   cancelGoal(): void {

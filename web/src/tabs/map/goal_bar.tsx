@@ -1,12 +1,14 @@
 import { Check, Navigation, X } from "lucide-react";
 import { type ReactNode, useEffect, useLayoutEffect } from "react";
 import { TOPICS } from "@/generated/graph";
+import type { action_msgs_GoalStatusArray } from "@/generated/messages";
 import { useNow } from "@/hooks/use_now";
+import { useTopicValue } from "@/hooks/use_topic_value";
 import { useMotionObstacles, useNavigates, useRelocationObstacles } from "@/hooks/use_situation";
 import { wordsIn } from "@/i18n/robot_words";
 import { type TextKey, useLanguage, useText } from "@/i18n/text";
 import { changeApproach } from "@/map/approaches";
-import { goalProgress } from "@/map/goal";
+import { besideGoalM, goalProgress, statusSince } from "@/map/goal";
 import { cancelNavigation, relocate, sendGoal, sendInitialPose } from "@/map/goal_actions";
 import { liveMap } from "@/map/live_map";
 import { useIsHeard } from "@/map/use_is_heard";
@@ -15,6 +17,7 @@ import { type Draft, type Preview, draftSender, dropDraft, useMapUi } from "@/ma
 import { lengthOf, shownPlan } from "@/map/route";
 import { writeLength } from "@/map/sensor_text";
 import { useLink } from "@/robot/link";
+import type { Sample } from "@/ros/topics";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
@@ -24,6 +27,8 @@ import { fixed, formatDuration, toDegrees } from "@/ui/numbers";
 export function GoalBar() {
   const text = useText();
   const { tool, draft, preview, selected } = useMapUi();
+  // Subscribed to before a goal is sent, so that it is known which goals came later.
+  const status = useTopicValue(TOPICS.NAVIGATE_STATUS, useGoalStatus());
   useEffect(() => {
     if (tool === "move") return;
     const onKey = (event: KeyboardEvent) => event.key === "Escape" && dropDraft();
@@ -46,7 +51,13 @@ export function GoalBar() {
       </Bar>
     );
   }
-  return <Progress />;
+  return <Progress status={status} />;
+}
+
+/** Takes the status of the goal that this page sent last. */
+function useGoalStatus() {
+  const sent = useMapUi((state) => state.sent);
+  return (sample: Sample<action_msgs_GoalStatusArray> | undefined) => (sent === null ? null : statusSince(sample?.message.status_list ?? [], sent.known));
 }
 
 function Bar({ children, className }: { children: ReactNode; className?: string }) {
@@ -121,7 +132,7 @@ function PathLine({ preview }: { preview: Preview | null }) {
 }
 
 /** A goal that this page sent, or that another client sent outside of a mission. */
-function Progress() {
+function Progress({ status }: { status: number | null }) {
   const text = useText();
   const now = useNow();
   const sent = useMapUi((state) => state.sent);
@@ -133,17 +144,18 @@ function Progress() {
   const planAge = plan === null ? Infinity : now - plan.receivedMs;
   const shown = shownPlan(plan, pose, now);
   const isDriving = shown?.isFollowed === true;
-  const progress = sent === null ? null : goalProgress(sent.pose, now - sent.atMs, { end: plan?.points.at(-1) ?? null, ageMs: planAge }, pose);
+  const progress = sent === null ? null : goalProgress(now - sent.atMs, status);
+  const besideM = sent === null ? null : besideGoalM(sent.pose, now - sent.atMs, { end: plan?.points.at(-1) ?? null, ageMs: planAge });
   useEffect(() => {
     if (isInMission) useMapUi.setState({ sent: null });
   }, [isInMission]);
   if (isInMission || (sent === null && !isDriving)) return null;
-  if (sent !== null && progress === "reached") {
+  if (sent !== null && (progress === "reached" || progress === "ended")) {
     return (
       <Bar>
-        <p className="flex items-center gap-2 text-alive">
-          <Check aria-hidden="true" className="size-4" />
-          {text("map_goal_reached")}
+        <p className={cn("flex items-center gap-2", progress === "reached" && besideM === null ? "text-alive" : "text-attention")}>
+          {progress === "reached" && <Check aria-hidden="true" className="size-4" />}
+          {progress === "ended" ? text("map_goal_ended") : besideM === null ? text("map_goal_reached") : text("map_goal_reached_beside", { length: writeLength(besideM) })}
         </p>
         <Button size="small" onClick={() => useMapUi.setState({ sent: null })}>
           {text("map_dismiss")}
@@ -173,6 +185,7 @@ function Progress() {
         ) : (
           <>
             <strong className="font-semibold">{text("map_goal_driving")}</strong> <span className="text-text-2">{left}</span>
+            {besideM !== null && <span className="block text-xs text-attention">{text("map_goal_beside", { length: writeLength(besideM) })}</span>}
           </>
         )}
       </p>
