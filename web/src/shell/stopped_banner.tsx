@@ -62,9 +62,9 @@ export function StoppedBanner() {
       <Octagon aria-hidden="true" className={cn("shrink-0", stopped ? "size-8" : "size-6 text-text-3")} />
       <p className="min-w-0 grow basis-60">
         <strong className={stopped ? "text-lead leading-tight font-bold max-md:text-base" : "font-semibold"}>
-          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : gate.reason === null || gate.reason === "startup" || gate.reason === "user" ? text("cannot_drive_yet") : text("can_drive_no", { reason: text(`reason_${gate.reason}`) })}
+          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : gate.reason === null || gate.reason === "startup" || gate.reason === "user" ? text("cannot_drive_yet") : text("page_cannot_drive", { reason: text(`reason_${gate.reason}`) })}
         </strong>
-        {!stopped && gate.reason !== null && gate.reason !== "startup" && (
+        {!stopped && gate.reason !== null && gate.reason !== "startup" && gate.reason !== "user" && (
           <span aria-hidden="true" className="ml-2 text-text-2 tabular-nums" data-testid="stop-age">
             <Age atMs={gate.sinceMs} />
           </span>
@@ -74,7 +74,7 @@ export function StoppedBanner() {
             ? text("release_failed", { reason: problem })
             : mayRelease
               ? text(stopped ? "nothing_moves_after_release" : "cannot_drive_yet_hint")
-              : elsewhere() !== null && !gate.isStated ? text("elsewhere_no_command") : text(gate.isStated ? "release_needs_withdrawal" : "release_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
+              : elsewhere() !== null && !gate.isStated ? text("elsewhere_no_command") : text(gate.isStated ? "release_needs_withdrawal" : stopped ? "release_needs_control" : "driving_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
           {lines.some(({ name }) => name !== null) && text("this_browser_is", { name: state.session.name })}
         </span>
       </p>
