@@ -131,7 +131,7 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
         if (event.key === "Enter") release(event);
       }}
       className={cn(
-        "relative h-11 shrink-0 touch-none overflow-hidden rounded-md px-4 text-sm font-semibold select-none",
+        "relative min-h-11 max-w-full shrink-0 touch-none overflow-hidden rounded-md px-4 text-sm font-semibold select-none",
         tone === "light" ? "bg-text" : "border border-line-strong bg-raised text-text",
         "disabled:cursor-not-allowed disabled:bg-transparent disabled:text-text-3 disabled:outline disabled:outline-line",
         className,
