@@ -256,7 +256,7 @@ const nl: Record<keyof typeof en, string> = {
   mission_robot_lost: "Verdwaald op de kaart, wacht",
   mission_held_at_zero: "Deze pagina houdt de wielen vast",
   mission_held_by_hand: "Handbediening houdt de wielen vast",
-  link_lost: "Verbinding verbroken",
+  link_lost: "Contact kwijt",
   connecting: "Verbinden",
   phase_exploring: "Verkennen",
   phase_inspecting: "Inspecteren",
