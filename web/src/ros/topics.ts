@@ -15,6 +15,8 @@ export interface Sample<Message> {
 
 /** Where samples come from: the link to the robot, or a recording. */
 export interface SampleSource {
+  /** Whether samples can come now; not given by a source that is never lost. */
+  readonly isOpen?: boolean;
   subscribe(topic: string, type: string, options: SubscribeOptions, deliver: (message: unknown) => void): () => void;
 }
 
@@ -30,6 +32,8 @@ interface Entry {
 /** One subscription per topic and throttle, whatever the number of panels that show it. */
 export class TopicStore {
   private entries = new Map<string, Entry>();
+  /** The last samples of topics to which nothing listens any more. */
+  private kept = new Map<string, Sample<unknown>>();
 
   constructor(
     private readonly source: SampleSource,
@@ -41,7 +45,8 @@ export class TopicStore {
     const key = entryKey(row, options);
     let entry = this.entries.get(key);
     if (entry === undefined) {
-      const created: Entry = { sample: undefined, listeners: new Set(), end: () => {}, count: 0 };
+      // While the link is lost, a view that is opened shows what was received before, with its age.
+      const created: Entry = { sample: this.source.isOpen === false ? this.kept.get(key) : undefined, listeners: new Set(), end: () => {}, count: 0 };
       created.end = this.source.subscribe(row.name, row.type, options, (message) => {
         created.sample = { message, receivedMs: this.now() };
         created.count += 1;
@@ -56,6 +61,7 @@ export class TopicStore {
       current.listeners.delete(listener);
       if (current.listeners.size === 0 && this.entries.get(key) === current) {
         this.entries.delete(key);
+        if (current.sample !== undefined) this.kept.set(key, current.sample);
         current.end();
       }
     };
@@ -63,6 +69,7 @@ export class TopicStore {
 
   /** Forget all samples, for a source that begins anew. */
   clear(): void {
+    this.kept.clear();
     for (const entry of this.entries.values()) {
       entry.sample = undefined;
       for (const each of entry.listeners) each();
