@@ -74,7 +74,8 @@ function whileActive(mission: lupin_msgs_MissionState, situation: Situation): Se
   const byHand = isByHand(situation);
   if (mission.paused) {
     if (!isTurning) return { key: "mission_paused", tone: "attention" };
-    return { key: byHand ? "mission_paused_by_hand" : "mission_paused_moving", tone: "attention" };
+    if (byHand) return { key: "mission_paused_by_hand", tone: "attention" };
+    return situation.navigates && !situation.heldAtZero ? { key: "mission_paused_goal", tone: "active" } : { key: "mission_paused_moving", tone: "attention" };
   }
   if (byHand && isTurning) return { key: "mission_waits", tone: "attention" };
   const waits = isRobotLost(mission) ? "mission_robot_lost" : situation.heldAtZero ? "mission_held_at_zero" : null;

@@ -107,6 +107,7 @@ describe("the sentence", () => {
     expect(sentence({ ...LIVE, winner: "manual", heldAtZero: true, mission: paused }).key).toBe("mission_paused");
     expect(sentence({ ...BY_HAND, mission: paused }).key).toBe("mission_paused_by_hand");
     expect(sentence({ ...LIVE, wheels: "turning", mission: paused }).key).toBe("mission_paused_moving");
+    expect(sentence({ ...LIVE, wheels: "turning", navigates: true, mission: paused }).key).toBe("mission_paused_goal");
   });
 
   it("says that the mission waits for a robot that is lost on the map", () => {
