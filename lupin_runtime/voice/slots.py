@@ -139,7 +139,8 @@ class Slots:
             words = self._words[start:end]
             if words[-1] in reserved:
                 return
-            name = " ".join(str(self._digits.get(word, word)) if index else word for index, word in enumerate(words))
+            parts = (str(self._digits.get(word, word)) if index else word for index, word in enumerate(words))
+            name = (" " if kind == "location" else "_").join(parts)  # the arm's names have no spaces
             found = find_name(name, self._names.of(kind), self._digits)
             if isinstance(found, NoName) and found.candidates:
                 yield found, end, PROBLEM_COST

@@ -9,8 +9,8 @@ from lupin_runtime.voice.utterance import Context
 
 NAMES = Names(
     locations=("home", "sink", "door", "charging station", "tag 5", "tag_6"),
-    poses=("home", "high look", "low look"),
-    sequences=("water", "wave", "prune the row"),
+    poses=("home", "high_look", "low-look"),
+    sequences=("water", "wave", "prune_the_row"),
 )
 CONTEXT = Context(NAMES, speed_cap=0.5)
 
@@ -54,8 +54,8 @@ COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
     "open the gripper halfway": ("gripper", {"action": "set", "percent": 50.0}),
     "arm home": ("arm_preset", {"name": "home"}),
     "tuck the arm": ("arm_preset", {"name": "tuck"}),
-    "move the arm to high look": ("arm_goto_pose", {"name": "high look"}),
-    "save the arm pose as over the pot": ("arm_save_pose", {"name": "over the pot"}),
+    "move the arm to high look": ("arm_goto_pose", {"name": "high_look"}),
+    "save the arm pose as over the pot": ("arm_save_pose", {"name": "over_the_pot"}),
     "list the poses and sequences": ("arm_list_library", {}),
     "run the sequence water at half speed": ("arm_run_sequence", {"name": "water", "speed": 0.5}),
     "play wave": ("arm_run_sequence", {"name": "wave"}),
