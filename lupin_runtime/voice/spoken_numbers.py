@@ -15,7 +15,7 @@ HOMOPHONE_COST = 1
 class NumberWords:
     """The words for numbers in a language.
 
-    `small` has those below 100 that are one word; `tens` of them are followed by one of 1 to 9 ("twenty five"), if the
+    `small` has those that are one word; `tens` of them are followed by one of 1 to 9 ("twenty five"), if the
     language says so. `fractions` stand before a unit, `and_fractions` after a whole number. `homophones` are what a
     recognizer writes for a number; they count only where the sentence fits in no other way.
     """
