@@ -126,7 +126,7 @@ _PHRASES = {
         "ben je {one:blocked}",
     ),
     "engage_estop": ("[druk|activeer] noodstop [in]",),
-    "speak": ("(zeg|schrijf|noteer) {text}",),
+    "speak": ("(zeg|noteer) {text}",),
     "light_color": (f"{_LIGHTS} [op] {{color}}", f"{_SET} {_LIGHTS} [op] {{color}}", f"{{color}} {_LIGHTS}"),
     "light_auto": (f"[{_SET}] {_LIGHTS} [weer] [op] (automatisch|auto)",),
     "ask_extent": (

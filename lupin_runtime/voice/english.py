@@ -163,7 +163,7 @@ _PHRASES = {
         "are you {one:blocked}",
     ),
     "engage_estop": ("[engage|press|hit|activate|push|trigger] (e-stop|estop|emergency)",),
-    "speak": ("(say|announce|write|note) {text}",),
+    "speak": ("(say|announce|note) {text}",),
     "light_color": (
         f"{_LIGHTS} [to] {{color}}",
         f"{_SET} {_LIGHTS} [to] {{color}}",

@@ -100,7 +100,7 @@ def _matches(sentence: Sentence, patterns: tuple[str, ...]) -> bool:
 
 
 def _understand(sentence: Sentence, context: Context, language: Language) -> Call | Question:
-    """Return the call that fits with the fewest doubtful words. Two that fit equally well are a question.
+    """Return the call that fits with the fewest doubtful words. Of two that fit equally well, only one that stops is made.
 
     A problem counts like a call: "two hundred percent" must not become "to hundred percent" because only that is in range.
     """
@@ -123,13 +123,15 @@ def _understand(sentence: Sentence, context: Context, language: Language) -> Cal
     nearest = _nearest(sentence.words, language)
     if not ranked:
         return Question(TOO_LONG if is_long else _general_problem(sentence, language), nearest)
-    first = ranked[0]
-    if costs[first] >= PROBLEM_COST:
-        return Question(_general_problem(sentence, language, str(outcomes[first])), nearest)
-    if len(ranked) > 1 and costs[ranked[1]] == costs[first]:
+    lowest = costs[ranked[0]]
+    best = [outcomes[key] for key in ranked if costs[key] == lowest]
+    if stop := next((call for call in best if isinstance(call, Call) and BY_NAME[call.tool].effect is Effect.STOP), None):
+        return stop
+    if lowest >= PROBLEM_COST:
+        return Question(_general_problem(sentence, language, str(best[0])), nearest)
+    if len(best) > 1:
         return Question(AMBIGUOUS, nearest)
-    best = outcomes[first]
-    return best if isinstance(best, Call) else Question(best, nearest)
+    return best[0] if isinstance(best[0], Call) else Question(best[0], nearest)
 
 
 def _general_problem(sentence: Sentence, language: Language, otherwise: str = UNKNOWN) -> str:

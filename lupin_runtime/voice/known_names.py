@@ -65,8 +65,8 @@ def _words_distance(known: tuple[str, ...], said: tuple[str, ...]) -> int | None
         if one.isdigit() or other.isdigit():
             distance, allowed = int(one != other), 0
         else:
-            sound = _sound(other)
-            distance, allowed = _distance(_sound(one), sound), len(sound) // _LETTERS_PER_ERROR
+            sounds = _sound(one), _sound(other)
+            distance, allowed = _distance(*sounds), min(map(len, sounds)) // _LETTERS_PER_ERROR
         if distance > allowed:
             return None
         total += distance

@@ -165,6 +165,11 @@ def test_question_says_what_is_wrong(text: str, reason: str) -> None:
     assert isinstance(question, Question) and question.reason == reason
 
 
+@pytest.mark.parametrize("text", ["e-stop", "the emergency", "press the e-stop"])
+def test_sentence_that_may_stop_or_read_stops(text: str) -> None:
+    assert parse(text, CONTEXT) == Call("engage_estop")
+
+
 def test_question_names_the_nearest_sentences() -> None:
     question = parse("gripper fourty per", CONTEXT)
     assert isinstance(question, Question) and "gripper forty percent" in question.nearest
