@@ -41,12 +41,15 @@ def edges(sound: bytes, endpointer: Endpointer) -> list[tuple[int, Edge]]:
 def test_defaults_are_those_of_the_settings() -> None:
     defaults = {setting.name: setting.default for setting in SETTINGS}
     settings = EndpointerSettings()
-    assert defaults.items() >= {
-        "voiceVadStartThreshold": settings.start_level,
-        "voiceVadEndThreshold": settings.end_level,
-        "voiceVadEndHoldMs": settings.end_hold_ms,
-        "voiceVadMaxUtteranceMs": settings.max_utterance_ms,
-    }.items()
+    assert (
+        defaults.items()
+        >= {
+            "voiceVadStartThreshold": settings.start_level,
+            "voiceVadEndThreshold": settings.end_level,
+            "voiceVadEndHoldMs": settings.end_hold_ms,
+            "voiceVadMaxUtteranceMs": settings.max_utterance_ms,
+        }.items()
+    )
 
 
 def test_speech_ends_after_the_hold() -> None:
