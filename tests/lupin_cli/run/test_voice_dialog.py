@@ -1,0 +1,174 @@
+"""The dialog of `lupin voice` calls, reads back, asks again, and stops."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from lupin_cli.run.voice_connection import new_identifier
+from lupin_cli.run.voice_dialog import CANCELED, Dialog, Reply, Turn, describe
+from lupin_runtime.voice.english import ENGLISH
+from lupin_runtime.voice.envelope import Envelope, Rejected, Situation
+from lupin_runtime.voice.slots import Names
+from lupin_runtime.voice.turns import TurnKind
+
+LOCATIONS = [{"name": {"untrusted": "sink"}, "x": 1.0, "y": 2.0, "yaw": 0.0}]
+LIBRARY = {"ok": True, "poses": [{"untrusted": "high_look"}], "sequences": [{"untrusted": "water"}]}
+
+
+class Console:
+    """The console's envelope, behind the interface of the connection; it carries out nothing and says so."""
+
+    def __init__(self) -> None:
+        self.envelope = Envelope()
+        self.situation = Situation(0, max_linear_mps=0.3, max_angular_rps=0.8, has_pose=True)
+        self.done: list[tuple[str, dict[str, Any]]] = []
+
+    @property
+    def state(self) -> Mapping[str, Any]:
+        return {"speed_cap": self.envelope.speed_cap}
+
+    async def announce_turn(self, identifier: str, by: str, *, ended: bool = True) -> None:
+        self.envelope.turns.announce(identifier, TurnKind(by), ended=ended)
+
+    async def call(self, tool: str, arguments: dict[str, Any]) -> dict[str, Any]:
+        admitted = self.envelope.admit(tool, arguments)
+        verdict = admitted if isinstance(admitted, Rejected) else self.envelope.judge(admitted, self.situation)
+        if isinstance(verdict, Rejected):
+            return verdict.result
+        if tool in ("list_named_locations", "arm_list_library"):
+            return {"ok": True, "locations": LOCATIONS} if tool == "list_named_locations" else LIBRARY
+        self.done.append((tool, verdict))
+        return {"ok": True, "action": tool}
+
+    async def interrupt(self) -> None:
+        self.envelope.cancel()
+
+
+class Operator:
+    """Says sentences to a dialog."""
+
+    def __init__(self, console: Console | None) -> None:
+        self.dialog = Dialog(console, ENGLISH, Names(("sink",), ("high_look",), ("water",)))
+
+    def say(self, sentence: str, by: str = "text") -> Reply:
+        return asyncio.run(self.dialog.handle(Turn(sentence, by, new_identifier())))
+
+
+@pytest.fixture
+def console() -> Console:
+    return Console()
+
+
+@pytest.fixture
+def operator(console: Console) -> Operator:
+    return Operator(console)
+
+
+def test_sentence_is_carried_out(operator: Operator, console: Console) -> None:
+    reply = operator.say("lights blue")
+    assert reply.is_done and reply.text == "set_light: done"
+    assert console.done == [("set_light", {"color": "blue"})]
+
+
+def test_motion_is_done_after_a_yes(operator: Operator, console: Console) -> None:
+    asked = operator.say("go to the sink")
+    assert not asked.is_done and asked.text == "Navigate to the location sink. Yes or no?" and console.done == []
+    assert operator.dialog.waits_for_answer
+    assert operator.say("yes").is_done and not operator.dialog.waits_for_answer
+    assert console.done == [("nav_goto_named", {"name": "sink"})]
+
+
+def test_no_forgets_what_was_read_back(operator: Operator, console: Console) -> None:
+    operator.say("go to the sink")
+    assert operator.say("no").text == CANCELED
+    assert "nothing waits" in operator.say("yes").text.lower() and console.done == []
+
+
+def test_another_command_replaces_what_was_read_back(operator: Operator, console: Console) -> None:
+    operator.say("go to the sink")
+    assert "Turn in place by +90 degrees" in operator.say("turn left ninety degrees").text
+    operator.say("yes")
+    assert console.done == [("rotate", {"angle_deg": 90.0})]
+
+
+def test_unclear_typed_answer_leaves_the_read_back_open(operator: Operator, console: Console) -> None:
+    operator.say("go to the sink")
+    assert not operator.say("perhaps").is_done
+    operator.say("yes")
+    assert console.done == [("nav_goto_named", {"name": "sink"})]
+
+
+def test_unclear_spoken_answer_is_read_back_again(operator: Operator, console: Console) -> None:
+    # It was a turn for the console, which takes a confirmation only in the next one.
+    operator.say("go to the sink", "speech")
+    assert operator.say("perhaps", "speech").text.endswith("Navigate to the location sink. Yes or no?")
+    operator.say("yes", "speech")
+    assert console.done == [("nav_goto_named", {"name": "sink"})]
+
+
+def test_stop_word_engages_the_estop_and_forgets(operator: Operator, console: Console) -> None:
+    operator.say("go to the sink")
+    assert asyncio.run(operator.dialog.stop(Turn("stop", "speech", "1"))).is_done
+    assert console.done == [("engage_estop", {})] and not operator.dialog.waits_for_answer
+    operator.say("do not stop")
+    assert console.done == [("engage_estop", {})] * 2
+
+
+def test_unknown_sentence_is_asked_again(operator: Operator, console: Console) -> None:
+    reply = operator.say("dance with me")
+    assert not reply.is_done and reply.text.startswith("I did not understand that.") and console.done == []
+
+
+def test_refusal_names_its_reasons(operator: Operator, console: Console) -> None:
+    console.situation = Situation(0, estop=("button pressed",), has_pose=True)
+    assert operator.say("go to the sink").text.endswith("(button pressed)")
+
+
+def test_calibration_is_committed_by_its_own_word(operator: Operator, console: Console) -> None:
+    operator.say("start calibration")
+    operator.say("yes")
+    assert "write the new zero offsets" in operator.say("commit").text.lower()
+    operator.say("commit")
+    assert [arguments["action"] for _, arguments in console.done] == ["start", "commit"]
+
+
+def test_cancel_ends_a_recording_that_was_started(operator: Operator, console: Console) -> None:
+    operator.say("start recording")
+    operator.say("yes")
+    operator.say("cancel")
+    operator.say("cancel")
+    assert [(tool, arguments.get("action")) for tool, arguments in console.done] == [
+        ("arm_record", "start"),
+        ("arm_record", "cancel"),
+        ("nav_cancel", None),
+    ]
+
+
+def test_slower_halves_the_cap_of_the_session(operator: Operator, console: Console) -> None:
+    operator.say("slower")
+    operator.say("slower")
+    assert console.envelope.speed_cap == 0.25
+
+
+def test_names_come_from_the_console(console: Console) -> None:
+    operator = Operator(console)
+    asyncio.run(operator.dialog.load_names())
+    assert operator.dialog.names == Names(("sink",), ("high_look",), ("water",))
+
+
+def test_dry_run_shows_the_call_and_sends_nothing() -> None:
+    operator = Operator(None)
+    assert operator.say("go to the sink").text == 'would call nav_goto_named {"name": "sink"}'
+    assert asyncio.run(operator.dialog.stop(Turn("stop", "text", "1"))).text == "would call engage_estop {}"
+
+
+def test_response_is_described_with_its_fields() -> None:
+    battery = {"voltage": 12.1, "percentage": 0.5}
+    assert describe("query_state", {"ok": True, "battery": battery}) == "query_state: battery voltage 12.1 percentage 0.5"
+    assert describe("arm_list_library", LIBRARY) == "arm_list_library: poses high_look, sequences water"
+    assert describe("stop", {"ok": True, "action": "stop"}) == "stop: done"
+    assert describe("drive", {"ok": False}) == "drive was not done: no reason was given"
