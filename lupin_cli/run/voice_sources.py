@@ -1,0 +1,143 @@
+"""Where the sentences of `lupin voice` come from: lines of text, a sound file, or the microphone."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from dataclasses import dataclass
+from typing import TextIO
+
+from lupin_cli.run.voice_connection import new_identifier
+from lupin_cli.run.voice_dialog import Agent, Turn
+from lupin_runtime.voice.endpointer import Edge, Endpointer
+from lupin_runtime.voice.grammar import has_stop_word
+from lupin_runtime.voice.speech import Recognizer, SpeechUnavailable
+from lupin_runtime.voice.stop_spotter import StopSpotter
+
+
+async def read_lines(stream: TextIO) -> AsyncIterator[Turn]:
+    """Yield each line of a stream as a turn. A thread reads it, which the end of the program does not wait for."""
+    loop, queue = asyncio.get_running_loop(), asyncio.Queue[str]()
+
+    def read() -> None:
+        while line := stream.readline():
+            loop.call_soon_threadsafe(queue.put_nowait, line)
+        loop.call_soon_threadsafe(queue.put_nowait, "")
+
+    threading.Thread(target=read, name="lupin-voice-lines", daemon=True).start()
+    while line := await queue.get():
+        if sentence := line.strip():
+            yield Turn(sentence, "text", new_identifier())
+
+
+async def hear_file(frames: Iterator[bytes], recognizer: Recognizer) -> AsyncIterator[Turn]:
+    """Yield what is said in a sound, utterance by utterance."""
+    for sound in _utterances(frames):
+        if sentence := await asyncio.to_thread(recognizer.transcribe, sound):
+            yield Turn(sentence, "speech", new_identifier())
+
+
+def _utterances(frames: Iterator[bytes]) -> Iterator[bytes]:
+    endpointer = Endpointer()
+    for frame in frames:
+        if endpointer.push(frame) is Edge.END:
+            yield endpointer.utterance
+    if endpointer.is_speaking:
+        yield endpointer.utterance
+
+
+@dataclass(frozen=True)
+class _Event:
+    """An edge of the utterance with this id, with its sound at its end; or the end of the microphone, and why."""
+
+    identifier: str
+    edge: Edge | None
+    sound: bytes = b""
+    problem: SpeechUnavailable | None = None
+
+
+class Microphone:
+    """Yields what is said to a microphone, and calls `stop` as soon as a word for stopping is heard.
+
+    Speech that begins while `is_talking` returns true is the robot's own; only its words for stopping count, of which it speaks
+    none. `agent` is told when a speaker begins and ends; None in a dry run.
+    """
+
+    def __init__(
+        self,
+        frames: Iterator[bytes],
+        recognizer: Recognizer,
+        agent: Agent | None,
+        stop: Callable[[Turn], Awaitable[None]],
+        is_talking: Callable[[], bool],
+    ) -> None:
+        self._frames = frames
+        self._recognizer = recognizer
+        self._agent = agent
+        self._stop = stop
+        self._is_talking = is_talking
+        self._loop = asyncio.get_running_loop()
+        self._events = asyncio.Queue[_Event]()
+        self._stopped = ""  # id of the last utterance that has stopped
+        self._stops: set[asyncio.Task[None]] = set()
+
+    async def turns(self) -> AsyncIterator[Turn]:
+        """Yield the sentences. Raises SpeechUnavailable when the microphone fails."""
+        threading.Thread(target=self._listen, name="lupin-voice-microphone", daemon=True).start()
+        ignored = ""
+        while (event := await self._events.get()).edge is not None:
+            if event.edge is Edge.BEGIN:
+                ignored = event.identifier if self._is_talking() else ""
+                await self._announce(event.identifier, ended=False)
+                continue
+            await self._announce(event.identifier, ended=True)
+            sentence = await asyncio.to_thread(self._recognizer.transcribe, event.sound)
+            if self._stopped == event.identifier or not sentence:
+                continue
+            has_stop = has_stop_word(sentence)
+            if has_stop:
+                self._stopped = event.identifier
+            if ignored != event.identifier or has_stop:
+                yield Turn(sentence, "speech", event.identifier)
+        await asyncio.gather(*self._stops)
+        if event.problem is not None:
+            raise event.problem
+
+    async def _announce(self, identifier: str, *, ended: bool) -> None:
+        if self._agent is not None:
+            await self._agent.announce_turn(identifier, "speech", ended=ended)
+
+    # -- in the thread of the microphone --------------------------------------------------------------------------------
+    def _listen(self) -> None:
+        endpointer, identifier, problem = Endpointer(), "", None
+        spotter = StopSpotter(self._recognizer, lambda text: self._post_stop(identifier, text))
+        try:
+            for frame in self._frames:
+                edge = endpointer.push(frame)
+                if edge is Edge.BEGIN:
+                    identifier = new_identifier()
+                    spotter.begin()
+                if edge is not None:
+                    sound = endpointer.utterance if edge is Edge.END else b""
+                    self._post(_Event(identifier, edge, sound))
+                if endpointer.is_speaking:
+                    spotter.update(endpointer.utterance)
+        except SpeechUnavailable as error:
+            problem = error
+        spotter.close()
+        self._post(_Event("", None, problem=problem))
+
+    def _post(self, event: _Event) -> None:
+        self._loop.call_soon_threadsafe(self._events.put_nowait, event)
+
+    def _post_stop(self, identifier: str, text: str) -> None:
+        def start() -> None:
+            if self._stopped == identifier:  # the whole sentence was recognized before
+                return
+            self._stopped = identifier
+            task = asyncio.ensure_future(self._stop(Turn(text, "speech", identifier)))
+            self._stops.add(task)
+            task.add_done_callback(self._stops.discard)
+
+        self._loop.call_soon_threadsafe(start)
