@@ -1,0 +1,259 @@
+"""Offline voice on synthetic speech: commands that are understood, motions that nobody asked for, and stops that are spotted.
+
+The speech is espeak-ng's, in three voices with two noises: it says how the parts work together, not how well a person is
+understood in a greenhouse. Limits: 90 % of 60 commands, no motion from 60 other sentences, no other motion than was said; a
+spoken stop is spotted within 700 ms after the end of its word (p95), and at most one stop an hour is spotted in other speech.
+
+Needs the extra lupin[voice] and espeak-ng.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import random
+import re
+import statistics
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.voice.endpointer import FRAME_BYTES, FRAME_MS, SAMPLE_RATE_HZ, Edge, Endpointer, split_frames
+from lupin_runtime.voice.english import ENGLISH
+from lupin_runtime.voice.grammar import has_stop_word, parse
+from lupin_runtime.voice.speech import Speaker, SpeechUnavailable, WhisperRecognizer, command_prompt
+from lupin_runtime.voice.stop_spotter import StopSpotter
+from lupin_runtime.voice.tools import BY_NAME, Effect
+from lupin_runtime.voice.utterance import Call
+from tests.support.paths import ROOT
+from tests.support.spoken_commands import COMMANDS, CONTEXT, NAMES, NO_MOTION
+
+VOICES = (("en-gb", 160), ("en-us+f3", 150), ("en-gb-scotland", 145))  # with words per minute
+NOISES = ("white", "hum")
+SPEECH_LEVEL = 0.1
+NOISE_LEVEL = 0.006  # 24 dB below the speech
+LEAD_S, TAIL_S = 0.4, 1.2
+MIN_UNDERSTOOD = 0.9
+MAX_STOP_MS = 700.0
+# What is said before, the word that stops, and what is said after.
+STOPS = (
+    ("", "stop", ""), ("", "halt", ""), ("", "stop robot", ""), ("please", "stop", "the robot"), ("", "stop", "stop stop"),
+    ("go to the sink no", "stop", ""), ("drive forward two metres and then", "stop", "at the door"),
+)  # fmt: skip
+# Words that sound like one that stops.
+ALIKE = (
+    "the shop is on top of the step", "drop the stock", "start the clock", "hold it", "help", "a lot of hops",
+    "we need to knit",
+)  # fmt: skip
+
+Samples = NDArray[np.float64]
+
+
+class Voices:
+    """Speaks in three voices, with noise."""
+
+    def __init__(self, seed: int) -> None:
+        self._speakers = [Speaker(voice, words_per_minute) for voice, words_per_minute in VOICES]
+        self._random = np.random.default_rng(seed)
+
+    def say(self, voice: int, text: str) -> Samples:
+        """Return the sound of a text at the level of speech, without the silence around it."""
+        samples = np.frombuffer(self._speakers[voice].synthesize(text), "<i2") / 32768.0
+        loud = np.flatnonzero(np.abs(samples) > 0.01)
+        samples = samples[loud[0] : loud[-1] + 1]
+        scaled: Samples = samples * (SPEECH_LEVEL / np.sqrt(np.mean(samples**2)))
+        return scaled
+
+    def noise(self, kind: str, count: int) -> Samples:
+        """Return white noise, or the hum of a fan: low frequencies, with a tone of 100 Hz."""
+        samples = self._random.normal(size=count)
+        if kind == "hum":
+            spectrum = np.fft.rfft(samples) / np.maximum(1.0, np.arange(count // 2 + 1) * SAMPLE_RATE_HZ / max(count, 1) / 50.0)
+            tone = np.sin(2 * np.pi * 100 * np.arange(count) / SAMPLE_RATE_HZ)
+            samples = np.fft.irfft(spectrum, count)
+            samples = samples / np.sqrt(np.mean(samples**2)) + tone
+        scaled: Samples = samples * (NOISE_LEVEL / np.sqrt(np.mean(samples**2)))
+        return scaled
+
+    def scene(self, kind: str, *parts: Samples) -> bytes:
+        """Return the parts one after the other, in noise that begins before and ends after them."""
+        speech = np.concatenate([np.zeros(int(LEAD_S * SAMPLE_RATE_HZ)), *parts, np.zeros(int(TAIL_S * SAMPLE_RATE_HZ))])
+        return pcm(speech + self.noise(kind, len(speech)))
+
+
+def pcm(samples: Samples) -> bytes:
+    """Return samples as PCM-16."""
+    return bytes(np.clip(np.rint(samples * 32768.0), -32768, 32767).astype("<i2").tobytes())
+
+
+def utterances(sound: bytes) -> Iterator[bytes]:
+    """Yield what the endpointer takes for utterances."""
+    endpointer = Endpointer()
+    for frame in split_frames(sound):
+        if endpointer.push(frame) is Edge.END:
+            yield endpointer.utterance
+    if endpointer.is_speaking:
+        yield endpointer.utterance
+
+
+def measure_sentences(voices: Voices, recognizer: WhisperRecognizer, share: float) -> dict[str, Any]:
+    """Speak the commands and the other sentences, and count what comes of them."""
+    draw = random.Random(1)
+    outcomes: dict[str, Counter[str]] = {"commands": Counter(), "others": Counter()}
+    wrong: list[str] = []
+    cpu_s: list[float] = []
+    for text, voice, noise in itertools.product((*COMMANDS, *NO_MOTION), range(len(VOICES)), NOISES):
+        if draw.random() >= share:
+            continue
+        began = time.process_time()
+        heard = " ".join(recognizer.transcribe(sound) for sound in utterances(voices.scene(noise, voices.say(voice, text))))
+        cpu_s.append(time.process_time() - began)
+        result = parse(heard, CONTEXT)
+        expected = Call(*COMMANDS[text]) if text in COMMANDS else None
+        if result == expected:
+            outcome = "right"
+        elif isinstance(result, Call):
+            outcome = "wrong motion" if BY_NAME[result.tool].effect is Effect.MOTION else "other call"
+        else:
+            outcome = "asked again"
+        if outcome != "right" and (expected is not None or outcome != "asked again"):
+            wrong.append(f"{outcome}, {VOICES[voice][0]}, {noise}: {text!r} was heard as {heard!r}")
+        outcomes["commands" if expected is not None else "others"][outcome] += 1
+    commands = outcomes["commands"]
+    return {
+        "understood": round(commands["right"] / max(1, commands.total()), 4),
+        "commands": dict(commands),
+        "others": dict(outcomes["others"]),
+        "cpu_s_median": round(statistics.median(cpu_s), 2),
+        "not_right": wrong,
+    }
+
+
+def measure_stops(voices: Voices, recognizer: WhisperRecognizer, repeats: int) -> dict[str, Any]:
+    """Say stops in real time, and measure from the end of the word to the call of the spotter."""
+    delays_ms: list[float] = []
+    missed: list[str] = []
+    for (before, word, after), voice, noise in itertools.product(STOPS * repeats, range(len(VOICES)), NOISES):
+        parts = [voices.say(voice, text) for text in (before, word, after) if text]
+        lead = LEAD_S + sum(len(part) for part in (parts[:2] if before else parts[:1])) / SAMPLE_RATE_HZ
+        spotted_s = play(voices.scene(noise, *parts), recognizer)
+        if spotted_s is None:
+            missed.append(f"{VOICES[voice][0]}, {noise}: {before} {word} {after}".strip())
+        else:
+            delays_ms.append((spotted_s - lead) * 1e3)
+    return {
+        "stops": len(delays_ms) + len(missed),
+        "missed": missed,
+        "median_ms": round(statistics.median(delays_ms)),
+        "p95_ms": round(float(np.percentile(delays_ms, 95))),
+        "max_ms": round(max(delays_ms)),
+    }
+
+
+def play(sound: bytes, recognizer: WhisperRecognizer) -> float | None:
+    """Give a sound to the spotter at the pace of a microphone; return when it stopped, in s from the beginning of the sound."""
+    spotted = threading.Event()
+    at_s: list[float] = []
+    began = time.monotonic()
+
+    def note(_: str) -> None:
+        at_s.append(time.monotonic() - began)
+        spotted.set()
+
+    endpointer = Endpointer()
+    spotter = StopSpotter(recognizer, note)
+    for index, frame in enumerate(split_frames(sound), 1):
+        time.sleep(max(0.0, began + index * FRAME_MS / 1e3 - time.monotonic()))
+        if endpointer.push(frame) is Edge.BEGIN:
+            spotter.begin()
+        if endpointer.is_speaking:
+            spotter.update(endpointer.utterance)
+    spotter.close()
+    return at_s[0] if at_s else None
+
+
+def other_speech(seed: int) -> Iterator[str]:
+    """Yield sentences without a word that stops, in random order and without end: talk, commands, and this project's pages."""
+    prose = " ".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "docs").glob("*.md")))
+    lines = re.findall(r"(?:^|(?<=[.:] ))[A-Z][a-z ,']{30,140}[.:]", prose, re.MULTILINE)
+    sentences = [text for text in (*lines, *COMMANDS, *NO_MOTION, *ALIKE) if not has_stop_word(text)]
+    draw = random.Random(seed)
+    while True:
+        yield draw.choice(sentences)
+
+
+def measure_false_stops(voices: Voices, recognizer: WhisperRecognizer, minutes: float, step_s: float) -> dict[str, Any]:
+    """Recognize other speech in windows as the spotter does, but not in real time, and count the stops."""
+    total_s, false_stops, windows = 0.0, [], 0
+    texts = other_speech(3)
+    for index in itertools.count():
+        if total_s >= minutes * 60:
+            break
+        text, voice, noise = next(texts), index % len(VOICES), NOISES[index % len(NOISES)]
+        sound = voices.scene(noise, voices.say(voice, text))
+        total_s += len(sound) / 2 / SAMPLE_RATE_HZ
+        for utterance in utterances(sound):
+            step = int(step_s * 1e3 / FRAME_MS) * FRAME_BYTES
+            for end in range(step, len(utterance) + step, step):
+                windows += 1
+                heard = recognizer.transcribe(StopSpotter.window(utterance[:end]))
+                if has_stop_word(heard):
+                    false_stops.append(f"{text!r} was heard as {heard!r}")
+                    break
+    return {
+        "minutes": round(total_s / 60, 1),
+        "windows": windows,
+        "false_stops": len(false_stops),
+        "false_stops_an_hour": round(len(false_stops) / total_s * 3600, 2),
+        "heard": false_stops,
+    }
+
+
+def main() -> int:
+    """Measure, print the figures, and return 1 if a limit is not kept."""
+    parser = argparse.ArgumentParser(prog="python -m bench.bench_voice", description=__doc__)
+    parser.add_argument("--only", choices=("sentences", "stops", "false-stops"), help="measure only this")
+    parser.add_argument("--share", type=float, default=1.0, help="share of the sentences that are spoken [%(default)s]")
+    parser.add_argument("--repeats", type=int, default=2, help="how often each stop is said [%(default)s]")
+    parser.add_argument("--minutes", type=float, default=60.0, help="length of the other speech [%(default)s]")
+    parser.add_argument("--step-s", type=float, default=0.45, help="time between windows in the other speech [%(default)s]")
+    parser.add_argument("--threads", type=int, default=2, help="threads of the recognizer [%(default)s]")
+    arguments = parser.parse_args()
+    try:
+        voices = Voices(1)
+        names = (*NAMES.locations, *NAMES.poses, *NAMES.sequences)
+        recognizer = WhisperRecognizer(command_prompt(ENGLISH, names), threads=arguments.threads)
+    except SpeechUnavailable as error:
+        print(error, file=sys.stderr)
+        return 1
+    results: dict[str, Any] = {"speech": "synthetic, by espeak-ng"}
+    failures: list[str] = []
+    if arguments.only in (None, "sentences"):
+        results["sentences"] = found = measure_sentences(voices, recognizer, arguments.share)
+        if found["understood"] < MIN_UNDERSTOOD:
+            failures.append(f"{found['understood']:.0%} of the commands were understood")
+        if motions := found["commands"].get("wrong motion", 0) + found["others"].get("wrong motion", 0):
+            failures.append(f"{motions} motions that nobody asked for")
+    if arguments.only in (None, "stops"):
+        results["stops"] = found = measure_stops(voices, recognizer, arguments.repeats)
+        if found["p95_ms"] > MAX_STOP_MS or found["missed"]:
+            failures.append(f"p95 {found['p95_ms']} ms from the word's end to the stop; {len(found['missed'])} missed")
+    if arguments.only in (None, "false-stops"):
+        results["false_stops"] = found = measure_false_stops(voices, recognizer, arguments.minutes, arguments.step_s)
+        if found["false_stops_an_hour"] > 1.0:
+            failures.append(f"{found['false_stops_an_hour']} false stops an hour")
+    print(json.dumps(results, indent=1))
+    for failure in failures:
+        print(f"limit not kept: {failure}", file=sys.stderr)
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
