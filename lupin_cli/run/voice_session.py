@@ -152,7 +152,7 @@ class _Session:
         async for turn in source:
             if is_live and has_stop_word(turn.sentence):
                 await self._stop(turn)
-            else:
+            elif turn.sentence or self._dialog.waits_for_answer:
                 self._waiting.put_nowait(turn)
 
     async def _work(self) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass
@@ -15,20 +17,31 @@ from lupin_runtime.voice.grammar import has_stop_word
 from lupin_runtime.voice.speech import Recognizer, SpeechUnavailable
 from lupin_runtime.voice.stop_spotter import StopSpotter
 
+_MAX_READ = 4096
+
 
 async def read_lines(stream: TextIO) -> AsyncIterator[Turn]:
-    """Yield each line of a stream as a turn. A thread reads it, which the end of the program does not wait for."""
-    loop, queue = asyncio.get_running_loop(), asyncio.Queue[str]()
-
-    def read() -> None:
-        while line := stream.readline():
-            loop.call_soon_threadsafe(queue.put_nowait, line)
-        loop.call_soon_threadsafe(queue.put_nowait, "")
-
-    threading.Thread(target=read, name="lupin-voice-lines", daemon=True).start()
-    while line := await queue.get():
-        if sentence := line.strip():
+    """Yield each line of a terminal, a pipe or a file as a turn."""
+    loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes]()
+    descriptor = stream.fileno()
+    try:
+        loop.add_reader(descriptor, lambda: queue.put_nowait(os.read(descriptor, _MAX_READ)))
+    except PermissionError:  # a file, which is always ready
+        for line in stream:
+            if sentence := line.strip():
+                yield Turn(sentence, "text", new_identifier())
+        return
+    try:
+        rest = b""
+        while read := await queue.get():
+            *lines, rest = (rest + read).split(b"\n")
+            for each in lines:
+                if sentence := each.decode(errors="replace").strip():
+                    yield Turn(sentence, "text", new_identifier())
+        if sentence := rest.decode(errors="replace").strip():
             yield Turn(sentence, "text", new_identifier())
+    finally:
+        loop.remove_reader(descriptor)
 
 
 async def hear_file(frames: Iterator[bytes], recognizer: Recognizer) -> AsyncIterator[Turn]:
@@ -61,7 +74,8 @@ class Microphone:
     """Yields what is said to a microphone, and calls `stop` as soon as a word for stopping is heard.
 
     Speech that begins while `is_talking` returns true is the robot's own; only its words for stopping count, of which it speaks
-    none. `agent` is told when a speaker begins and ends; None in a dry run.
+    none. `agent` is told when a speaker begins and ends; None in a dry run. A sentence is empty if nothing was understood: for
+    the console it was a turn all the same.
     """
 
     def __init__(
@@ -87,13 +101,14 @@ class Microphone:
         threading.Thread(target=self._listen, name="lupin-voice-microphone", daemon=True).start()
         ignored = ""
         while (event := await self._events.get()).edge is not None:
+            if event.edge is Edge.BEGIN and self._is_talking():
+                ignored = event.identifier
+            if ignored != event.identifier:
+                await self._announce(event.identifier, ended=event.edge is Edge.END)
             if event.edge is Edge.BEGIN:
-                ignored = event.identifier if self._is_talking() else ""
-                await self._announce(event.identifier, ended=False)
                 continue
-            await self._announce(event.identifier, ended=True)
             sentence = await asyncio.to_thread(self._recognizer.transcribe, event.sound)
-            if self._stopped == event.identifier or not sentence:
+            if self._stopped == event.identifier:
                 continue
             has_stop = has_stop_word(sentence)
             if has_stop:
@@ -129,7 +144,8 @@ class Microphone:
         self._post(_Event("", None, problem=problem))
 
     def _post(self, event: _Event) -> None:
-        self._loop.call_soon_threadsafe(self._events.put_nowait, event)
+        with contextlib.suppress(RuntimeError):  # the loop has ended, after Ctrl-C
+            self._loop.call_soon_threadsafe(self._events.put_nowait, event)
 
     def _post_stop(self, identifier: str, text: str) -> None:
         def start() -> None:
@@ -140,4 +156,5 @@ class Microphone:
             self._stops.add(task)
             task.add_done_callback(self._stops.discard)
 
-        self._loop.call_soon_threadsafe(start)
+        with contextlib.suppress(RuntimeError):  # as above
+            self._loop.call_soon_threadsafe(start)

@@ -69,7 +69,12 @@ class StopSpotter:
             if self._is_closed:
                 return None
             self._heard_bytes = len(self._sound)
-            return self._utterance, self._sound[-int(WINDOW_S * _BYTES_PER_S) :]
+            return self._utterance, self.window(self._sound)
+
+    @staticmethod
+    def window(sound: bytes) -> bytes:
+        """Return the newest sound of an utterance, in which a word for stopping is looked for."""
+        return sound[-int(WINDOW_S * _BYTES_PER_S) :]
 
     def _has_enough(self) -> bool:
         new = len(self._sound) - self._heard_bytes

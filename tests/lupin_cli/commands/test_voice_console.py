@@ -51,6 +51,18 @@ def test_sentences_go_through_the_envelope(graph_host: GraphHost, console: Conso
     assert "voice cancel" in [row["what"] for row in journal(tmp_path)]
 
 
+def test_read_back_is_confirmed_by_the_next_line(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
+    status, [asked, done] = speak(graph_host, console, tmp_path, "--text", typed="go to home\ny\n")
+    assert not asked["done"] and status == 0 and done["response"] == {
+        "ok": True, "action": "nav_goto_named", "name": {"untrusted": "home"}, "x": 0.0, "y": 0.0, "yaw": 0.0,
+    }  # fmt: skip
+
+
+def test_only_sentence_without_an_answer_is_not_done(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
+    status, [asked] = speak(graph_host, console, tmp_path, "go to home")
+    assert status == 1 and asked["read_back"] == "navigate to the location home"
+
+
 def test_stop_word_engages_the_stop_of_the_console(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
     status, [reply] = speak(graph_host, console, tmp_path, "--text", "please do not stop")
     assert status == 0 and reply["call"]["tool"] == "engage_estop" and reply["response"]["ok"]

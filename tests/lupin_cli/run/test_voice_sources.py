@@ -1,0 +1,108 @@
+"""Sentences come from lines, sounds and the microphone; the robot's own voice is no command."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lupin_cli.run.voice_dialog import Turn
+from lupin_cli.run.voice_sources import Microphone, read_lines
+from lupin_runtime.voice.endpointer import split_frames
+from lupin_runtime.voice.speech import SpeechUnavailable
+
+SPOKEN, PAUSE = b"\0\x10" * 8_000, b"\0" * 32_000
+
+
+async def collect(turns: AsyncIterator[Turn]) -> list[str]:
+    return [turn.sentence async for turn in turns]
+
+
+def test_lines_of_a_pipe_are_read_as_they_come() -> None:
+    source, target = os.pipe()
+    os.write(target, b"lights blue\n\n  stop \nlast")
+    os.close(target)
+    with os.fdopen(source) as stream:
+        assert asyncio.run(collect(read_lines(stream))) == ["lights blue", "stop", "last"]
+
+
+def test_lines_of_a_file_are_read(tmp_path: Path) -> None:
+    (tmp_path / "lines").write_text("lights blue\nstop")
+    with (tmp_path / "lines").open() as stream:
+        assert asyncio.run(collect(read_lines(stream))) == ["lights blue", "stop"]
+
+
+class Heard:
+    """A microphone that hears sounds, of which a recognizer makes texts; notes turns and stops."""
+
+    def __init__(self, *texts: str) -> None:
+        self.texts = list(texts)
+        self.is_talking = False
+        self.turns: list[tuple[str, bool]] = []
+        self.stops: list[str] = []
+        self.state: dict[str, Any] = {}
+        self.problem: SpeechUnavailable | None = None
+
+    def transcribe(self, sound: bytes) -> str:
+        assert sound
+        return "" if threading.current_thread().name == "lupin-stop-spotter" else self.texts.pop(0)
+
+    async def announce_turn(self, identifier: str, by: str, *, ended: bool = True) -> None:
+        assert by == "speech"
+        self.turns.append((identifier, ended))
+
+    async def call(self, tool: str, arguments: dict[str, Any]) -> dict[str, Any]:
+        raise AssertionError(f"{tool} {arguments}")
+
+    async def interrupt(self) -> None:
+        raise AssertionError
+
+    async def stop(self, turn: Turn) -> None:
+        self.stops.append(turn.sentence)
+
+    def frames(self, sound: bytes) -> Any:
+        yield from split_frames(sound)
+        if self.problem is not None:
+            raise self.problem
+
+    async def hear(self, sound: bytes) -> list[str]:
+        microphone = Microphone(self.frames(sound), self, self, self.stop, lambda: self.is_talking)
+        return await collect(microphone.turns())
+
+
+def test_every_sentence_is_a_turn_with_begin_and_end() -> None:
+    heard = Heard("lights blue", "")
+    assert asyncio.run(heard.hear((SPOKEN + PAUSE) * 2)) == ["lights blue", ""]
+    first, second = heard.turns[0][0], heard.turns[2][0]
+    assert heard.turns == [(first, False), (first, True), (second, False), (second, True)] and first != second
+
+
+def test_own_voice_of_the_robot_is_neither_turn_nor_sentence() -> None:
+    heard = Heard("turn left ninety degrees")
+    heard.is_talking = True
+    assert asyncio.run(heard.hear(SPOKEN + PAUSE)) == [] and heard.turns == []
+
+
+def test_stop_counts_also_while_the_robot_talks() -> None:
+    heard = Heard("stop it")
+    heard.is_talking = True
+    assert asyncio.run(heard.hear(SPOKEN + PAUSE)) == ["stop it"]
+
+
+def test_spotted_stop_is_not_reported_again_as_a_sentence() -> None:
+    heard = Heard()
+    heard.transcribe = lambda sound: "stop" if sound else ""  # type: ignore[method-assign]
+    sentences = asyncio.run(heard.hear(SPOKEN * 6 + PAUSE))
+    assert len(sentences) + len(heard.stops) == 1
+
+
+def test_failure_of_the_microphone_is_raised() -> None:
+    heard = Heard()
+    heard.problem = SpeechUnavailable("arecord failed")
+    with pytest.raises(SpeechUnavailable, match="arecord failed"):
+        asyncio.run(heard.hear(b""))
