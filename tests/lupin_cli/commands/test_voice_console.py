@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from lupin_runtime import graph
 from tests.support.voice_client import journal, serve_console
 
 if TYPE_CHECKING:
@@ -27,6 +28,21 @@ def console(graph_host: GraphHost, tmp_path: Path) -> Iterator[Console]:
     node = serve_console(graph_host, tmp_path)
     yield node
     node.before_shutdown()
+
+
+@pytest.fixture
+def velocities(graph_host: GraphHost, console: Console) -> list[float]:
+    """What a robot receives that listens to velocities and goals."""
+    from lupin_runtime.ros import LupinNode
+
+    received: list[float] = []
+    node = LupinNode("robot")
+    node.subscription(graph.CMD_VEL_MANUAL, lambda message: received.append(message.linear.x))
+    node.subscription(graph.GOAL_POSE, lambda _: None)
+    graph_host.add(node)
+    listened = (graph.CMD_VEL_MANUAL.name, graph.GOAL_POSE.name)
+    graph_host.until(lambda: all(map(console.count_subscribers, listened)), what="the robot")
+    return received
 
 
 def speak(host: GraphHost, console: Console, tmp_path: Path, *words: str, typed: str = "") -> tuple[int, list[dict[str, Any]]]:
@@ -51,6 +67,7 @@ def test_sentences_go_through_the_envelope(graph_host: GraphHost, console: Conso
     assert "voice cancel" in [row["what"] for row in journal(tmp_path)]
 
 
+@pytest.mark.usefixtures("velocities")
 def test_read_back_is_confirmed_by_the_next_line(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
     status, [asked, done] = speak(graph_host, console, tmp_path, "--text", typed="go to home\ny\n")
     assert not asked["done"] and status == 0 and done["response"] == {
@@ -70,6 +87,10 @@ def test_stop_word_engages_the_stop_of_the_console(graph_host: GraphHost, consol
     assert status == 1 and reply["response"]["blocked"]
 
 
-def test_burst_is_carried_out_to_its_end(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
+def test_burst_is_carried_out_to_its_end(
+    graph_host: GraphHost, console: Console, velocities: list[float], tmp_path: Path
+) -> None:
     status, [reply] = speak(graph_host, console, tmp_path, "drive forward at 0.1 m/s for 0.3 s")
     assert status == 0 and reply["response"]["linear_x"] == 0.1 and reply["response"]["duration_s"] == 0.3
+    graph_host.until(lambda: velocities[-1] == 0.0, what="the end")
+    assert velocities.count(0.1) >= 4  # in 0.3 s at 20 Hz: it was not cut off by the end of the connection
