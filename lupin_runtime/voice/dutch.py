@@ -151,7 +151,7 @@ DUTCH = Language(
         hundred="",
         joiner="en",
         point=frozenset({"komma", "punt"}),
-        minus=frozenset({"min"}),
+        minus=frozenset({"min", "minus"}),
         plus=frozenset({"plus"}),
         fractions={
             ("een", "halve"): 0.5, ("halve",): 0.5, ("half",): 0.5, ("een", "kwart"): 0.25, ("kwart",): 0.25,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.language import Language
 from lupin_runtime.voice.phrases import Sentence
-from lupin_runtime.voice.rules import Unclear, apply
+from lupin_runtime.voice.rules import RELEASED_BY_HAND, Unclear, apply
 from lupin_runtime.voice.slots import PROBLEM_COST, Slots
 from lupin_runtime.voice.tokens import MAX_TOKENS, QUOTES, Token, clean_text, tokenize
 from lupin_runtime.voice.tools import BY_NAME, Effect
@@ -18,6 +18,8 @@ from lupin_runtime.voice.utterance import NO_CONTEXT, Call, Confirmation, Contex
 # They act in every language and wherever they stand: a false stop is cheap. From "stopp" on they are spellings that speech
 # recognizers write for the first three.
 STOP_WORDS = frozenset({"stop", "halt", "nee", "stopp", "nay", "knee", "holt"})
+# A sentence about the e-stop that is neither a question for its state nor one for its release engages it.
+_ESTOP_WORDS = frozenset({"e-stop", "estop", "noodstop"})
 _MAX_NEAREST = 3
 
 # Reasons of questions.
@@ -45,6 +47,8 @@ def parse(text: str, context: Context = NO_CONTEXT, language: Language = ENGLISH
     slots = Slots(tokens, text, language, context.names)
     sentence = Sentence(words, language.articles, language.homophones, slots.parse)
     result = _answer(sentence, context, language) or _understand(sentence, context, language)
+    if isinstance(result, Question) and result.reason != RELEASED_BY_HAND and _ESTOP_WORDS & set(words):
+        return Call("engage_estop")
     doubt = _doubt(result, text)
     return Question(doubt, _nearest(words, language)) if doubt else result
 

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 
 MAX_TOKENS = 60  # of a command; a longer one is talk
 
-# A sign belongs to a number only after a space: "tag-5" is a name. The e-stop is one word where it is typed as one.
+# A minus that is lost would turn a goal around, so a sign is dropped only inside a word: "tag-5" is a name, "y-1" and "y - 1"
+# are not. The e-stop is one word where it is typed as one.
 _TOKEN = re.compile(
-    r"""(?P<number>(?:(?<!\S)[-+])?\d+(?:[.,]\d+)?|(?<!\S)[-+]?[.,]\d+)
+    r"""(?P<number>(?:(?:(?<!\w)|(?<=\b[xy]))[-+])?\d+(?:[.,]\d+)?|(?<!\w)[-+]?[.,]\d+)
     |   (?P<word>e-stop\b|[^\W\d_]+(?:'[^\W\d_]+)*)
-    |   (?P<sign>[%°/])""",
-    re.VERBOSE,
+    |   (?P<sign>[%°/]|[-+](?=\s+[.,]?\d))""",
+    re.VERBOSE | re.IGNORECASE,
 )
-_SIGNS = {"%": "percent", "°": "degrees", "/": "per"}
+_SIGNS = {"%": "percent", "°": "degrees", "/": "per", "-": "minus", "+": "plus"}
 _THOUSANDS = re.compile(r"[-+]?\d{1,3},\d{3}")
 QUOTES = frozenset('"“”„«»‟')  # not the apostrophe
 

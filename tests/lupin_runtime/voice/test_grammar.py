@@ -165,9 +165,13 @@ def test_question_says_what_is_wrong(text: str, reason: str) -> None:
     assert isinstance(question, Question) and question.reason == reason
 
 
-@pytest.mark.parametrize("text", ["e-stop", "the emergency", "press the e-stop"])
+@pytest.mark.parametrize("text", ["e-stop", "the emergency", "Press the E-Stop!", "go to the sink estop", "hit that e-stop"])
 def test_sentence_that_may_stop_or_read_stops(text: str) -> None:
     assert parse(text, CONTEXT) == Call("engage_estop")
+
+
+def test_state_of_the_estop_is_read_without_engaging_it() -> None:
+    assert parse("Is the E-stop engaged?", CONTEXT) == Call("query_state", {"fields": ["estop"]})
 
 
 def test_question_names_the_nearest_sentences() -> None:

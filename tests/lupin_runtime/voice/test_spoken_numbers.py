@@ -10,7 +10,7 @@ from lupin_runtime.voice.dutch import DUTCH
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.language import Language
 from lupin_runtime.voice.spoken_numbers import parse_numbers
-from lupin_runtime.voice.tokens import tokenize
+from lupin_runtime.voice.tokens import clean_text, tokenize
 
 ONES = [word for word, value in ENGLISH.numbers.small.items() if value < 20]
 TENS = [word for word, value in ENGLISH.numbers.small.items() if value >= 20]
@@ -80,5 +80,18 @@ def test_written_number_has_its_value(number: float) -> None:
     assert whole(f"{number:.3f}") == {float(f"{number:.3f}")}
 
 
-def test_sign_is_part_of_a_number_only_after_a_space() -> None:
-    assert [token.text for token in tokenize("tag-5 -5m")] == ["tag", "5", "-5", "m"]
+@pytest.mark.parametrize(
+    ("text", "tokens"),
+    [
+        ("tag-5 -5m", "tag 5 -5 m"),
+        ("x2, y-1", "x 2 y -1"),
+        ("x=-2 (+1)", "x -2 +1"),
+        ("y - 1.5", "y minus 1.5"),
+        ("twenty-five", "twenty five"),
+        ("2-3", "2 3"),
+        ("90° 5% m/s", "90 degrees 5 percent m per s"),
+        ("−3 don’t E-Stop", "-3 don't e-stop"),
+    ],
+)
+def test_text_is_split_without_losing_a_sign(text: str, tokens: str) -> None:
+    assert " ".join(token.text for token in tokenize(clean_text(text))) == tokens
