@@ -18,7 +18,7 @@ from lupin_runtime.voice.sounds import read_wav
 DEFAULT_VOICE = "en-gb"
 DEFAULT_WORDS_PER_MINUTE = 165
 _SPEAK_TIMEOUT_S = 60.0
-_MAX_PROMPT = 600  # characters; whisper takes 224 tokens
+_MAX_EXAMPLES, _MAX_NAMES = 450, 250  # characters of the prompt, of which whisper takes 224 tokens
 # Whisper writes a sentence for noise, too. These limits are those of its authors (https://github.com/openai/whisper).
 _MAX_NO_SPEECH = 0.6
 _MIN_LOG_PROBABILITY = -1.0
@@ -81,8 +81,19 @@ def _is_speech(segment: Any) -> bool:
 
 def command_prompt(language: Language, names: Iterable[str]) -> str:
     """Return the beginning of a transcript with commands and the names that exist, which makes a recognizer expect them."""
-    examples = (example for example in language.examples if example == example.lower())
-    return f"Commands to a robot: {', '.join((*examples, *names))}."[:_MAX_PROMPT]
+    examples = _join((example for example in language.examples if example == example.lower()), _MAX_EXAMPLES)
+    return f"Commands to a robot: {examples}. Names: {_join(names, _MAX_NAMES)}."
+
+
+def _join(texts: Iterable[str], max_length: int) -> str:
+    """Return as many of the texts as fit, with commas between them."""
+    joined = ""
+    for text in texts:
+        longer = f"{joined}, {text}" if joined else text
+        if len(longer) > max_length:
+            break
+        joined = longer
+    return joined
 
 
 class Speaker:

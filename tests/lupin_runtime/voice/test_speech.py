@@ -95,8 +95,9 @@ def test_missing_package_says_what_to_install(package: str, monkeypatch: pytest.
 
 
 def test_prompt_has_commands_and_names_and_is_bounded() -> None:
-    prompt = command_prompt(ENGLISH, ["sink", "x" * 1000])
-    assert "turn left ninety degrees" in prompt and "NAME" not in prompt and len(prompt) <= 600
+    prompt = command_prompt(ENGLISH, ["sink", "door", "x" * 1000])
+    assert "turn left ninety degrees" in prompt and "NAME" not in prompt and len(prompt) <= 740
+    assert prompt.endswith("Names: sink, door.")
 
 
 # -- espeak-ng ---------------------------------------------------------------------------------------------------------
