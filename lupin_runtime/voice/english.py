@@ -162,7 +162,8 @@ _PHRASES = {
         "is {one:estop} (engaged|on|active|pressed)",
         "are you {one:blocked}",
     ),
-    "engage_estop": ("[engage|press|hit|activate|push|trigger] (e-stop|estop|emergency)",),
+    # "Halt" alone is often heard as "hold".
+    "engage_estop": ("[engage|press|hit|activate|push|trigger] (e-stop|estop|emergency)", "hold"),
     "speak": ("(say|announce|note) {text}",),
     "light_color": (
         f"{_LIGHTS} [to] {{color}}",

@@ -6,6 +6,8 @@ negation, a question, reported speech or a second command makes no call. Only wo
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.language import Language
 from lupin_runtime.voice.phrases import Sentence
@@ -18,6 +20,7 @@ from lupin_runtime.voice.utterance import NO_CONTEXT, Call, Confirmation, Contex
 # They act in every language and wherever they stand: a false stop is cheap. From "stopp" on they are spellings that speech
 # recognizers write for the first three.
 STOP_WORDS = frozenset({"stop", "halt", "nee", "stopp", "nay", "knee", "holt"})
+_SIBILANTS = ("s", "se", "ce", "x", "z", "ze")  # "no stop" is often heard as "nose top"
 # A sentence about the e-stop that is neither a question for its state nor one for its release engages it.
 _ESTOP_WORDS = frozenset({"e-stop", "estop", "noodstop"})
 _MAX_NEAREST = 3
@@ -59,7 +62,8 @@ def has_stop_word(text: str) -> bool:
 
 
 def _has_stop_word(tokens: tuple[Token, ...]) -> bool:
-    return any(token.text in STOP_WORDS for token in tokens)
+    words = [token.text for token in tokens]
+    return not STOP_WORDS.isdisjoint(words) or any(one.endswith(_SIBILANTS) and two == "top" for one, two in pairwise(words))
 
 
 def _strip(tokens: tuple[Token, ...], language: Language) -> tuple[Token, ...]:

@@ -15,6 +15,11 @@ from typing import Any, Protocol
 from lupin_runtime.voice.language import Language
 from lupin_runtime.voice.sounds import read_wav
 
+WINDOW_S = 2.5
+# Whisper hears 30 s, most of them silence, in 0.5 s of processor time. In 4 s it hears a window in 0.05 s, less exactly.
+_WINDOW_FRAMES = 400  # of 10 ms
+_WINDOW_TOKENS = 20  # without a limit it may repeat one word 200 times
+_WINDOW_PROMPT = " Commands to a robot: go to the sink, halt, turn left, stop, open the gripper."
 DEFAULT_VOICE = "en-gb"
 DEFAULT_WORDS_PER_MINUTE = 165
 _SPEAK_TIMEOUT_S = 60.0
@@ -37,6 +42,9 @@ class Recognizer(Protocol):
 
     def transcribe(self, sound: bytes) -> str:
         """Return what was said; empty if nothing was."""
+
+    def transcribe_window(self, sound: bytes) -> str:
+        """Return roughly what was said in at most WINDOW_S of speech, in a tenth of the time."""
 
 
 class WhisperRecognizer:
@@ -62,9 +70,8 @@ class WhisperRecognizer:
 
     def transcribe(self, sound: bytes) -> str:
         """Return what was said; empty if nothing was."""
-        samples = self._numpy.frombuffer(sound, "<i2").astype(self._numpy.float32) / 32768.0
         segments, _ = self._model.transcribe(
-            samples,
+            self._samples(sound),
             language="en",
             beam_size=1,
             temperature=0.0,
@@ -73,6 +80,22 @@ class WhisperRecognizer:
             without_timestamps=True,
         )
         return " ".join(segment.text.strip() for segment in segments if _is_speech(segment))
+
+    def transcribe_window(self, sound: bytes) -> str:
+        """Return roughly what was said in at most WINDOW_S of speech, in a tenth of the time."""
+        numpy, tokenizer = self._numpy, self._model.hf_tokenizer
+        features = self._model.feature_extractor(self._samples(sound))[:, :_WINDOW_FRAMES]
+        missing = _WINDOW_FRAMES - features.shape[1]
+        padded = numpy.pad(features, ((0, 0), (0, missing)), constant_values=features.min())
+        prompt = tokenizer.encode(_WINDOW_PROMPT, add_special_tokens=False).ids
+        before, *after = map(tokenizer.token_to_id, ("<|startofprev|>", "<|startoftranscript|>", "<|notimestamps|>"))
+        tokens = [before, *prompt, *after]
+        encoded = self._model.encode(numpy.ascontiguousarray(padded))
+        results = self._model.model.generate(encoded, [tokens], beam_size=1, max_length=len(tokens) + _WINDOW_TOKENS)
+        return str(tokenizer.decode(results[0].sequences_ids[0]))
+
+    def _samples(self, sound: bytes) -> Any:
+        return self._numpy.frombuffer(sound, "<i2").astype(self._numpy.float32) / 32768.0
 
 
 def _is_speech(segment: Any) -> bool:

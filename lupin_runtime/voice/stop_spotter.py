@@ -1,7 +1,7 @@
 """Listens for a word that stops while somebody is still speaking, and does not wait for the end of the sentence.
 
-The recognizer runs in a thread on the newest seconds of the utterance, again and again, so that a stop in the middle of a
-sentence is heard as well. What it hears there decides only about stopping; commands wait for the whole sentence.
+A thread recognizes the newest seconds of the utterance every 0.1 s. The end of a window may cut "start" to what sounds like
+"stop", so several windows in a row must agree. What is heard here decides only about stopping; commands wait for the sentence.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from collections.abc import Callable
 
 from lupin_runtime.voice.endpointer import SAMPLE_BYTES, SAMPLE_RATE_HZ
 from lupin_runtime.voice.grammar import has_stop_word
-from lupin_runtime.voice.speech import Recognizer
+from lupin_runtime.voice.speech import WINDOW_S, Recognizer
 
-WINDOW_S = 2.5  # longer than any stop phrase, so that the word is whole in one window
+AGREEING_WINDOWS = 3  # in six minutes of other speech, up to two windows in a row heard a stop
+STEP_S = 0.1  # of new sound between two windows
 _MIN_SPEECH_S = 0.3  # a shorter sound is no word yet
-_MIN_NEW_S = 0.2  # of sound since the window that was heard last
 _BYTES_PER_S = SAMPLE_RATE_HZ * SAMPLE_BYTES
 
 
@@ -28,7 +28,7 @@ class StopSpotter:
         self._changed = threading.Condition()
         self._utterance = 0
         self._sound = b""
-        self._heard_bytes = 0
+        self._heard_bytes = self._agreeing = 0
         self._has_stopped = self._is_closed = False
         self._thread = threading.Thread(target=self._run, name="lupin-stop-spotter", daemon=True)
         self._thread.start()
@@ -37,7 +37,7 @@ class StopSpotter:
         """Begin a new utterance."""
         with self._changed:
             self._utterance += 1
-            self._sound, self._heard_bytes, self._has_stopped = b"", 0, False
+            self._sound, self._heard_bytes, self._agreeing, self._has_stopped = b"", 0, 0, False
 
     def update(self, utterance: bytes) -> None:
         """Take the sound of the utterance so far."""
@@ -55,11 +55,13 @@ class StopSpotter:
     def _run(self) -> None:
         while (window := self._next_window()) is not None:
             number, sound = window
-            text = self._recognizer.transcribe(sound)
+            text = self._recognizer.transcribe_window(sound)
             with self._changed:
-                is_new = number == self._utterance and not self._has_stopped and has_stop_word(text)
-                self._has_stopped |= is_new
-            if is_new:
+                if number != self._utterance:
+                    continue
+                self._agreeing = self._agreeing + 1 if has_stop_word(text) else 0
+                self._has_stopped = self._agreeing >= AGREEING_WINDOWS
+            if self._has_stopped:
                 self._stop(text)
 
     def _next_window(self) -> tuple[int, bytes] | None:
@@ -78,4 +80,4 @@ class StopSpotter:
 
     def _has_enough(self) -> bool:
         new = len(self._sound) - self._heard_bytes
-        return not self._has_stopped and len(self._sound) >= _MIN_SPEECH_S * _BYTES_PER_S and new >= _MIN_NEW_S * _BYTES_PER_S
+        return not self._has_stopped and len(self._sound) >= _MIN_SPEECH_S * _BYTES_PER_S and new >= STEP_S * _BYTES_PER_S

@@ -140,6 +140,8 @@ def test_microphone_is_heard_until_it_ends(
             assert sound
             return "Stop."
 
+        transcribe_window = transcribe
+
     monkeypatch.setattr(voice_session, "WhisperRecognizer", Stopped)
     assert run_session(options())
     # By the spotter, or by the whole sentence if that was faster: never by both.

@@ -26,6 +26,7 @@ HOMOPHONES = {
 STOPPING = (
     "stop", "Stop!", "STOP", "halt", "nee", "do not stop", "she said stop", "go to the sink stop", "can you stop?", "e stop",
     "robot stop now", '"stop"', "stop and go to the sink", "go to the bus stop", "save here as stop", "say stop", "Nee, nee.",
+    "go to the sink nose top",
 )  # fmt: skip
 READ_BACK = Call("rotate", {"angle_deg": 90.0})
 
@@ -165,7 +166,9 @@ def test_question_says_what_is_wrong(text: str, reason: str) -> None:
     assert isinstance(question, Question) and question.reason == reason
 
 
-@pytest.mark.parametrize("text", ["e-stop", "the emergency", "Press the E-Stop!", "go to the sink estop", "hit that e-stop"])
+@pytest.mark.parametrize(
+    "text", ["e-stop", "the emergency", "Press the E-Stop!", "go to the sink estop", "hit that e-stop", "Hold."]
+)
 def test_sentence_that_may_stop_or_read_stops(text: str) -> None:
     assert parse(text, CONTEXT) == Call("engage_estop")
 

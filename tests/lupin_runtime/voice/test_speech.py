@@ -11,6 +11,7 @@ import wave
 from pathlib import Path
 from typing import Any
 
+import numpy
 import pytest
 
 from lupin_runtime.voice.endpointer import FRAME_BYTES, SAMPLE_RATE_HZ, rms
@@ -76,6 +77,37 @@ def test_recognizer_uses_the_model_of_the_package(whisper: list[Any], tmp_path: 
     (path, options), (samples, asked) = whisper
     assert path == str(tmp_path) and options["compute_type"] == "int8"
     assert list(samples) == [0.0, 0.5] and asked["initial_prompt"] == "Commands to a robot"
+
+
+def test_window_is_recognized_with_a_short_context(whisper: list[Any]) -> None:
+    class Tokenizer:
+        def token_to_id(self, token: str) -> str:
+            return token
+
+        def encode(self, text: str, *, add_special_tokens: bool) -> Any:
+            assert not add_special_tokens
+            return types.SimpleNamespace(ids=text.split())
+
+        def decode(self, ids: list[int]) -> str:
+            return f"decoded {ids}"
+
+    asked: list[Any] = []
+
+    def generate(encoded: Any, prompts: list[list[str]], **options: Any) -> list[Any]:
+        asked.append((encoded.shape, prompts[0][0], prompts[0][-2:], options["max_length"] - len(prompts[0])))
+        return [types.SimpleNamespace(sequences_ids=[[7]])]
+
+    recognizer = WhisperRecognizer()
+    recognizer._model = types.SimpleNamespace(
+        hf_tokenizer=Tokenizer(),
+        feature_extractor=lambda samples: numpy.zeros((80, len(samples) // 160)),
+        encode=lambda features: features,
+        model=types.SimpleNamespace(generate=generate),
+    )
+    for seconds in (1, 10):
+        assert recognizer.transcribe_window(b"\0\0" * SAMPLE_RATE_HZ * seconds) == "decoded [7]"
+    assert asked == [((80, 400), "<|startofprev|>", ["<|startoftranscript|>", "<|notimestamps|>"], 20)] * 2
+    assert len(whisper) == 1
 
 
 def test_package_without_its_model_is_reported(whisper: list[Any], tmp_path: Path) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import queue
 import threading
+from collections.abc import Iterator
 
 import pytest
 
 from lupin_runtime.voice.endpointer import FRAME_BYTES, SAMPLE_RATE_HZ
-from lupin_runtime.voice.stop_spotter import WINDOW_S, StopSpotter
+from lupin_runtime.voice.speech import WINDOW_S
+from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, STEP_S, StopSpotter
 
 SECOND = SAMPLE_RATE_HZ * 2
 TIMEOUT_S = 10.0
@@ -22,89 +24,90 @@ class Script:
         self.texts: queue.Queue[str] = queue.Queue()
 
     def transcribe(self, sound: bytes) -> str:
+        raise AssertionError(f"a whole sentence of {len(sound)} bytes")
+
+    def transcribe_window(self, sound: bytes) -> str:
         self.windows.put(sound)
         return self.texts.get(timeout=TIMEOUT_S)
 
-    def hear(self, text: str) -> bytes:
-        """Answer the present window, and return it."""
-        window = self.windows.get(timeout=TIMEOUT_S)
-        self.texts.put(text)
-        return window
+
+class Speaker:
+    """Speaks to a spotter, in steps that are each a window."""
+
+    def __init__(self) -> None:
+        self.script = Script()
+        self.stops: queue.Queue[str] = queue.Queue()
+        self.spotter = StopSpotter(self.script, self.stops.put)
+        self.sound = b""
+
+    def begin(self) -> None:
+        self.sound = b"\1" * SECOND
+        self.spotter.begin()
+
+    def say(self, *texts: str) -> list[bytes]:
+        """Go on speaking, so that each text is heard in one more window; return the windows."""
+        windows = []
+        for text in texts:
+            self.sound += b"\2" * int(STEP_S * SECOND)
+            self.spotter.update(self.sound)
+            windows.append(self.script.windows.get(timeout=TIMEOUT_S))
+            self.script.texts.put(text)
+        return windows
 
 
 @pytest.fixture
-def script() -> Script:
-    return Script()
+def speaker() -> Iterator[Speaker]:
+    made = Speaker()
+    yield made
+    made.script.texts.put("")  # for a window that is still waited for
+    made.spotter.close()
 
 
-def spot(script: Script) -> tuple[StopSpotter, queue.Queue[str]]:
-    stops: queue.Queue[str] = queue.Queue()
-    return StopSpotter(script, stops.put), stops
+def test_stop_is_reported_before_the_sentence_ends(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say("go to the", *["no stop"] * AGREEING_WINDOWS)
+    assert speaker.stops.get(timeout=TIMEOUT_S) == "no stop"
 
 
-def test_stop_is_reported_before_the_sentence_ends(script: Script) -> None:
-    spotter, stops = spot(script)
-    spotter.begin()
-    spotter.update(b"\1" * SECOND)
-    script.hear("stop the")
-    assert stops.get(timeout=TIMEOUT_S) == "stop the"
-    spotter.close()
+def test_stop_needs_windows_in_a_row_that_agree(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say("stop", "stop", "start the clock", "stop", "stop", "start the clock now")
+    assert speaker.stops.empty()
 
 
-def test_one_utterance_stops_once_and_the_next_again(script: Script) -> None:
-    spotter, stops = spot(script)
+def test_windows_of_two_utterances_do_not_agree(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say("stop", "stop")
+    speaker.begin()
+    speaker.say("stop", "stock")
+    assert speaker.stops.empty()
+
+
+def test_one_utterance_stops_once_and_the_next_again(speaker: Speaker) -> None:
     for _ in range(2):
-        spotter.begin()
-        spotter.update(b"\1" * SECOND)
-        script.hear("halt")
-        assert stops.get(timeout=TIMEOUT_S) == "halt"
-        spotter.update(b"\1" * 2 * SECOND)
-    spotter.close()
-    assert stops.empty() and script.windows.empty()
+        speaker.begin()
+        speaker.say(*["halt"] * AGREEING_WINDOWS)
+        assert speaker.stops.get(timeout=TIMEOUT_S) == "halt"
+        speaker.spotter.update(speaker.sound * 2)
+    speaker.spotter.close()
+    assert speaker.stops.empty() and speaker.script.windows.empty()
 
 
-def test_other_words_stop_nothing(script: Script) -> None:
-    spotter, stops = spot(script)
-    spotter.begin()
-    spotter.update(b"\1" * SECOND)
-    script.hear("go to the sink")
-    spotter.update(b"\1" * 2 * SECOND)
-    script.hear("go to the shop")
-    spotter.close()
-    assert stops.empty()
+def test_window_is_the_newest_sound(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.sound *= 6
+    [window] = speaker.say("")
+    assert window == speaker.sound[-int(WINDOW_S * SECOND) :]
 
 
-def test_window_is_the_newest_sound(script: Script) -> None:
-    spotter, _ = spot(script)
-    spotter.begin()
-    sound = b"".join(bytes([second]) * SECOND for second in range(6))
-    spotter.update(sound)
-    assert script.hear("") == sound[-int(WINDOW_S * SECOND) :]
-    spotter.close()
+def test_too_little_sound_is_not_recognized(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.spotter.update(b"\1" * FRAME_BYTES)
+    speaker.spotter.close()
+    assert speaker.script.windows.empty()
 
 
-def test_too_little_sound_is_not_recognized(script: Script) -> None:
-    spotter, _ = spot(script)
-    spotter.begin()
-    spotter.update(b"\1" * FRAME_BYTES)
-    spotter.close()
-    assert script.windows.empty()
-
-
-def test_stop_of_a_finished_utterance_is_late_and_dropped(script: Script) -> None:
-    # The whole sentence of that utterance is recognized as well, and stops.
-    spotter, stops = spot(script)
-    spotter.begin()
-    spotter.update(b"\1" * SECOND)
-    window = script.windows.get(timeout=TIMEOUT_S)
-    spotter.begin()
-    script.texts.put("stop")
-    spotter.close()
-    assert len(window) == SECOND and stops.empty()
-
-
-def test_close_ends_the_thread(script: Script) -> None:
+def test_close_ends_the_thread() -> None:
     before = threading.active_count()
-    spotter, _ = spot(script)
-    spotter.close()
+    Speaker().spotter.close()
     assert threading.active_count() == before
