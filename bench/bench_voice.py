@@ -126,6 +126,7 @@ def measure_sentences(voices: Voices, recognizer: WhisperRecognizer, share: floa
             outcome = "asked again"
         if outcome != "right" and (expected is not None or outcome != "asked again"):
             wrong.append(f"{outcome}, {VOICES[voice][0]}, {noise}: {text!r} was heard as {heard!r}")
+            print(wrong[-1], file=sys.stderr, flush=True)
         outcomes["commands" if expected is not None else "others"][outcome] += 1
     commands = outcomes["commands"]
     return {
@@ -201,7 +202,9 @@ def measure_false_stops(voices: Voices, recognizer: WhisperRecognizer, minutes: 
         text = next(texts)
         sound = voices.scene(NOISES[index % len(NOISES)], voices.say(index % len(VOICES), text))
         total_s += len(sound) / 2 / SAMPLE_RATE_HZ
-        false_stops += [f"{text!r} was heard as {heard!r}" for each in utterances(sound) if (heard := spot(each, recognizer))]
+        for heard in filter(None, (spot(each, recognizer) for each in utterances(sound))):
+            false_stops.append(f"{text!r} was heard as {heard!r}")
+            print(f"false stop after {total_s / 60:.1f} min: {false_stops[-1]}", file=sys.stderr, flush=True)
     return {
         "minutes": round(total_s / 60, 1),
         "false_stops": len(false_stops),

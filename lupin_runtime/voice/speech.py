@@ -19,7 +19,6 @@ WINDOW_S = 2.5
 # Whisper hears 30 s, most of them silence, in 0.5 s of processor time. In 4 s it hears a window in 0.05 s, less exactly.
 _WINDOW_FRAMES = 400  # of 10 ms
 _WINDOW_TOKENS = 20  # without a limit it may repeat one word 200 times
-_WINDOW_PROMPT = " Commands to a robot: go to the sink, halt, turn left, stop, open the gripper."
 DEFAULT_VOICE = "en-gb"
 DEFAULT_WORDS_PER_MINUTE = 165
 _SPEAK_TIMEOUT_S = 60.0
@@ -87,9 +86,8 @@ class WhisperRecognizer:
         features = self._model.feature_extractor(self._samples(sound))[:, :_WINDOW_FRAMES]
         missing = _WINDOW_FRAMES - features.shape[1]
         padded = numpy.pad(features, ((0, 0), (0, missing)), constant_values=features.min())
-        prompt = tokenizer.encode(_WINDOW_PROMPT, add_special_tokens=False).ids
-        before, *after = map(tokenizer.token_to_id, ("<|startofprev|>", "<|startoftranscript|>", "<|notimestamps|>"))
-        tokens = [before, *prompt, *after]
+        # Without a prompt: from one with words for stopping, it copies them for unclear speech.
+        tokens = [*map(tokenizer.token_to_id, ("<|startoftranscript|>", "<|notimestamps|>"))]
         encoded = self._model.encode(numpy.ascontiguousarray(padded))
         results = self._model.model.generate(encoded, [tokens], beam_size=1, max_length=len(tokens) + _WINDOW_TOKENS)
         return str(tokenizer.decode(results[0].sequences_ids[0]))
