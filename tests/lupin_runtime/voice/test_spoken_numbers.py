@@ -86,6 +86,7 @@ def test_written_number_has_its_value(number: float) -> None:
     [
         ("tag-5 -5m", "tag 5 -5 m"),
         ("x2, y-1", "x 2 y -1"),
+        ("x2y-1", "x 2 y -1"),
         ("x=-2 (+1)", "x -2 +1"),
         ("y - 1.5", "y minus 1.5"),
         ("twenty-five", "twenty five"),
