@@ -131,7 +131,7 @@ class _Session:
         if options.language is not ENGLISH:
             raise SpeechUnavailable(ENGLISH_ONLY)
         names = self._dialog.names
-        prompt = command_prompt(options.language, (*names.locations, *names.poses, *names.sequences))
+        prompt = command_prompt((*names.locations, *names.poses, *names.sequences))
         if options.wav is not None:
             from lupin_runtime.voice.sounds import read_wav_file
 

@@ -90,7 +90,7 @@ _PHRASES = {
         "(bring|take|send) (robot|it|yourself) [back] to [location|place] {name:location}",
     ),
     "list_named_locations": (
-        f"{_LIST} [all] [named|known|saved] (locations|places|location|waypoints)",
+        f"{_LIST} [of|to] [all] [named|known|saved] (locations|places|location|waypoints)",
         "(what|which) (locations|places) (are there|do you know|exist|have you saved)",
         "where can you go",
     ),
@@ -118,7 +118,7 @@ _PHRASES = {
         f"{_SAVE} arm [pose|position] (as|named|called) {{name:new_pose}}",
     ),
     "arm_list_library": (
-        f"{_LIST} [all] [arm|arm's] [stored|saved|known] (poses|sequences|library|poses and sequences|sequences and poses)",
+        f"{_LIST} [of|to] [all] [arm|arm's] [stored|saved] (poses|sequences|library|poses and sequences|sequences and poses)",
         "(what|which) (poses|sequences) (are there|do you know|exist|have you saved)",
     ),
     "arm_run_sequence": (
@@ -220,7 +220,7 @@ ENGLISH = Language(
         "factor_word": {"half": 0.5, "double": 2.0, "twice": 2.0, "normal": 1.0, "full": 1.0, "quarter": 0.25},
         "half": {"half": 50.0, "halfway": 50.0, "half way": 50.0},
         "mode": {
-            **dict.fromkeys(("kinesthetic", "kinaesthetic", "by hand", "hand guided"), "kinesthetic"),
+            **dict.fromkeys(("kinesthetic", "kinaesthetic", "kinetic", "by hand", "hand guided"), "kinesthetic"),
             **dict.fromkeys(("teleop", "by teleop", "teleoperated"), "teleop"),
         },
         "field": {
@@ -256,8 +256,11 @@ ENGLISH = Language(
         "metres": ("meets us", "mitres", "meters'"), "seconds": ("second's",), "degrees": ("the grease", "decrease"),
         "gripper": ("grip her", "gripped her", "gripa", "ripper"), "arm": ("harm",), "lights": ("lice", "light's", "likes"),
         "cap": ("cab", "cup", "gap"), "sequence": ("sequins",), "x": ("ex", "eggs"), "y": ("why",), "save": ("safe",),
-        "here": ("hear",), "commit": ("come it",), "run": ("ran",), "at": ("add",), "half": ("have",),
-        "slower": ("slow her", "slowly"), "play": ("plate",), "list": ("least",),
+        "here": ("hear",), "commit": ("come it",), "run": ("ran",),
+        "cancel": ("console", "council"), "brake": ("break",), "calibration": ("calibrations",),
+        "discard": ("discovered", "this card"),
+        "at": ("add",), "half": ("have",),
+        "slower": ("slow her", "slowly"), "play": ("plate", "plane"), "list": ("least",),
     },
     examples=(
         "drive forward at 0.2 metres per second for one second", "go two metres forward", "go one metre to the left",

@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
-from lupin_runtime.voice.language import Language
 from lupin_runtime.voice.sounds import read_wav
 
 WINDOW_S = 2.5
@@ -22,7 +21,12 @@ _WINDOW_TOKENS = 20  # without a limit it may repeat one word 200 times
 DEFAULT_VOICE = "en-gb"
 DEFAULT_WORDS_PER_MINUTE = 165
 _SPEAK_TIMEOUT_S = 60.0
-_MAX_EXAMPLES, _MAX_NAMES = 450, 250  # characters of the prompt, of which whisper takes 224 tokens
+# Words and no sentences: from a prompt with commands, whisper copied "at 0.2 metres per second" for another speed.
+_VOCABULARY = (
+    "Robot, gripper, arm, percent, metres, degrees, sequence, recording, calibration, navigation, battery, locations, poses, "
+    "cancel, slower."
+)
+_MAX_NAMES = 250  # characters of the prompt, of which whisper takes 224 tokens
 # Whisper writes a sentence for noise, too. These limits are those of its authors (https://github.com/openai/whisper).
 _MAX_NO_SPEECH = 0.6
 _MIN_LOG_PROBABILITY = -1.0
@@ -72,7 +76,7 @@ class WhisperRecognizer:
         segments, _ = self._model.transcribe(
             self._samples(sound),
             language="en",
-            beam_size=1,
+            beam_size=5,
             temperature=0.0,
             initial_prompt=self._prompt,
             condition_on_previous_text=False,
@@ -100,10 +104,9 @@ def _is_speech(segment: Any) -> bool:
     return not (segment.no_speech_prob > _MAX_NO_SPEECH and segment.avg_logprob < _MIN_LOG_PROBABILITY)
 
 
-def command_prompt(language: Language, names: Iterable[str]) -> str:
-    """Return the beginning of a transcript with commands and the names that exist, which makes a recognizer expect them."""
-    examples = _join((example for example in language.examples if example == example.lower()), _MAX_EXAMPLES)
-    return f"Commands to a robot: {examples}. Names: {_join(names, _MAX_NAMES)}."
+def command_prompt(names: Iterable[str]) -> str:
+    """Return words and names that a recognizer should expect."""
+    return f"{_VOCABULARY} Names: {_join(names, _MAX_NAMES)}."
 
 
 def _join(texts: Iterable[str], max_length: int) -> str:

@@ -50,6 +50,11 @@ def parse_numbers(tokens: tuple[str, ...], start: int, words: NumberWords) -> It
         yield Parsed(float(first), start + 1, 0, first[0] in "+-")
         if first.isdigit():
             yield from _extend_with(tokens, start + 1, float(first), 0, words.and_fractions)
+        if first in ("100", "200", "300") and tokens[start + 1 : start + 2] == (words.joiner,):
+            # Recognizers write "one hundred and eighty" as "100 and 80".
+            rest = tokens[start + 2] if start + 2 < len(tokens) else ""
+            if rest.isdigit() and int(rest) < 100:
+                yield Parsed(float(first) + int(rest), start + 3)
     elif first in words.minus | words.plus:
         sign = -1.0 if first in words.minus else 1.0
         for found in parse_numbers(tokens, start + 1, words):

@@ -11,7 +11,7 @@ MAX_TOKENS = 60  # of a command; a longer one is talk
 # A minus that is lost would turn a goal around, so a sign is dropped only inside a word: "tag-5" is a name, "y-1" and "y - 1"
 # are not. The e-stop is one word where it is typed as one.
 _TOKEN = re.compile(
-    r"""(?P<number>(?:(?:(?<!\w)|(?<=\b[xy]))[-+])?\d+(?:[.,]\d+)?|(?<!\w)[-+]?[.,]\d+)
+    r"""(?P<number>(?:(?:(?<!\w)|(?<=\b[xy])|(?<=\d[xy]))[-+])?\d+(?:[.,]\d+)?|(?<!\w)[-+]?[.,]\d+)
     |   (?P<word>e-stop\b|[^\W\d_]+(?:'[^\W\d_]+)*)
     |   (?P<sign>[%°/]|[-+](?=\s+[.,]?\d))""",
     re.VERBOSE | re.IGNORECASE,

@@ -29,6 +29,7 @@ def whole(text: str, language: Language = ENGLISH) -> set[float]:
         ("ninety nine", 99),
         ("hundred", 100), ("one hundred", 100), ("a hundred", 100), ("one hundred and eighty", 180),
         ("two hundred twelve", 212),
+        ("100 and 80", 180),
         ("half", 0.5), ("half a", 0.5), ("a quarter", 0.25), ("three quarters of a", 0.75), ("one and a half", 1.5),
         ("2 and a half", 2.5), ("point five", 0.5), ("zero point two five", 0.25), ("one point five", 1.5),
         ("two point 75", 2.75),
@@ -85,6 +86,7 @@ def test_written_number_has_its_value(number: float) -> None:
     [
         ("tag-5 -5m", "tag 5 -5 m"),
         ("x2, y-1", "x 2 y -1"),
+        ("x2y-1", "x 2 y -1"),
         ("x=-2 (+1)", "x -2 +1"),
         ("y - 1.5", "y minus 1.5"),
         ("twenty-five", "twenty five"),
