@@ -86,7 +86,8 @@ class AutoHome:
         unattended: bool = False,
     ) -> None:
         self._limits, self._say, self._unattended = limits or Limits(), say, unattended
-        self._began_s = time.monotonic()
+        self._monotonic_ns = node.monotonic_ns
+        self._began_s = self._now_s()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._list = node.client(graph.LIST_CONTROLLERS)
@@ -120,11 +121,11 @@ class AutoHome:
         """Load, configure and activate every controller. Raises NotHome, naming each that is not active."""
         limits = self._limits
         self._wait(self._list.service_is_ready, limits.manager_s, f"the service {graph.LIST_CONTROLLERS.name}")
-        deadline = time.monotonic() + limits.visible_s
+        deadline = self._now_s() + limits.visible_s
         states = self._states(limits.visible_s)
         self._report("found", states)
         # At boot the vendor's spawners are still running: first give them time to load the controllers.
-        while any(name not in states for name in graph.CONTROLLERS) and time.monotonic() < deadline:
+        while any(name not in states for name in graph.CONTROLLERS) and self._now_s() < deadline:
             self._spin_for(limits.poll_s)
             states = self._states()
         for _ in range(3):  # load, configure, activate
@@ -148,7 +149,7 @@ class AutoHome:
         self._say(f"{when}: " + (", ".join(inactive) or f"all {len(graph.CONTROLLERS)} controllers are active"))
 
     def _go_home(self) -> None:
-        deadline = time.monotonic() + self._limits.home_s
+        deadline = self._now_s() + self._limits.home_s
         while True:
             answer = self._call(self._preset, "preset home", self._limits.home_s, name="home")
             if answer is not None and answer.success:
@@ -156,7 +157,7 @@ class AutoHome:
                 return
             if answer is not None and answer.message.startswith(ESTOP_ENGAGED):
                 raise Estopped(answer.message)
-            if time.monotonic() + RETRY_S > deadline:
+            if self._now_s() + RETRY_S > deadline:
                 reason = "no response" if answer is None else answer.message
                 raise NotHome(f"{graph.ARM_PRESET.name} did not send the arm home: {reason}")
             self._spin_for(RETRY_S)
@@ -176,13 +177,13 @@ class AutoHome:
         A response is lost while the manager has not yet discovered this client, so the request is repeated; the first response
         to any of the requests is used.
         """
-        deadline = time.monotonic() + self._bounded_s(self._limits.call_s + patience_s)
+        deadline = self._now_s() + self._bounded_s(self._limits.call_s + patience_s)
         requests: list[Future] = []
         try:
-            while (remaining_s := deadline - time.monotonic()) > 0.0:
+            while (remaining_s := deadline - self._now_s()) > 0.0:
                 requests.append(self._list.call_async(self._list.srv_type.Request()))
-                repeat = time.monotonic() + min(self._limits.list_repeat_s, remaining_s)
-                while time.monotonic() < repeat:
+                repeat = self._now_s() + min(self._limits.list_repeat_s, remaining_s)
+                while self._now_s() < repeat:
                     self._executor.spin_once(timeout_sec=0.1)
                     if done := next(filter(Future.done, requests), None):
                         return {item.name: item.state for item in done.result().controller}
@@ -208,13 +209,13 @@ class AutoHome:
 
     def _bounded_s(self, limit_s: float) -> float:
         """Return `limit_s`, but at most the rest of the total. Raises NotHome if no time remains."""
-        remaining_s = self._began_s + self._limits.total_s - time.monotonic()
+        remaining_s = self._began_s + self._limits.total_s - self._now_s()
         if remaining_s <= 0.0:
             raise NotHome(f"gave up after {self._limits.total_s:g} s; the journals of mirte-ros and lupin-onboard say why")
         return min(limit_s, remaining_s)
 
     def _on_estop(self, engaged: bool) -> None:
-        now_s = time.monotonic()
+        now_s = self._now_s()
         if not engaged:
             self._engaged_s = None
             return
@@ -233,19 +234,22 @@ class AutoHome:
     def _on_joint_states(self, message: Any) -> None:
         self._arm_received = self._arm_received or arm_state(message.name, message.position, 0) is not None
 
+    def _now_s(self) -> float:
+        return self._monotonic_ns() / 1e9
+
     def _wait(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
         limit_s = self._bounded_s(limit_s)
-        deadline = time.monotonic() + limit_s
+        deadline = self._now_s() + limit_s
         if not condition():
             self._say(f"waiting for {what}")
         while not condition():
-            if time.monotonic() > deadline:
+            if self._now_s() > deadline:
                 raise NotHome(f"waited {limit_s:.1f} s for {what}; see journalctl -u mirte-ros -u lupin-onboard")
             self._executor.spin_once(timeout_sec=0.1)
 
     def _spin_for(self, duration_s: float) -> None:
-        end = time.monotonic() + self._bounded_s(duration_s)
-        while (remaining_s := end - time.monotonic()) > 0.0:
+        end = self._now_s() + self._bounded_s(duration_s)
+        while (remaining_s := end - self._now_s()) > 0.0:
             self._executor.spin_once(timeout_sec=min(0.1, remaining_s))
 
     def close(self) -> None:

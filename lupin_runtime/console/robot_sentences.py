@@ -1,4 +1,5 @@
-"""What the robot and the console say in sentences that operators read on the page: why it is stopped, locked, or refuses.
+"""What the robot and the console say in sentences that operators read on the page: why it is stopped, locked, or
+refuses, and what happens in a mission.
 
 The page shows them in its own language: it finds a sentence by its template, and translates it by the template's name. What is
 no sentence of this table is shown as it is.
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 from lupin_runtime.console import authority, doctor, locations, maps, motion_watch, pairing
 from lupin_runtime.drive import arbiter
+from lupin_runtime.mission import events
 from lupin_runtime.safety import console_server_stop, console_stop, estop, estop_monitor, expected_sources
 from lupin_runtime.stack import liveness
 
@@ -53,4 +55,7 @@ SENTENCES = {
     "no_such_map": maps.NO_SUCH_MAP,
     "mission_runs": motion_watch.MISSION_RUNS,
     "drives_to_goal": motion_watch.DRIVES_TO_GOAL,
+    "event_navigation_retry": events.NAVIGATION_RETRY,
+    **{f"event_{code}": label for code, (_, label) in events.LABELS.items() if label != estop_monitor.ESTOP_ENGAGED},
+    **{f"detail_{code}": words for code, words in events.EXPLANATIONS.items()},
 }

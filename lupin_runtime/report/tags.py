@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from lupin_runtime.mission.events import explain
 from lupin_runtime.report.health import deviation, health
 from lupin_runtime.report.run_log import LoggedPot, ObservationEntry, Point, RunLog, TagPlacement, TwinTag
 
@@ -12,27 +13,6 @@ READ, UNREACHABLE, SCAN_FAILED, SKIPPED, SEEN_ONLY = "read", "unreachable", "sca
 
 # Explorations also read tags over the bridge when they are discovered; those observations are no visits.
 _VISIT_SOURCES = ("InspectionMission", "MonitoringMission")
-
-# Explanations of the mission's detail codes, by prefix.
-REASONS = {
-    "nav_timeout": "the robot did not arrive before the navigation timeout",
-    "nav_rejected": "navigation rejected the goal",
-    "nav_blind": "lidar or odometry failed for minutes, so the robot did not move",
-    "nav_status_5": "the drive was cancelled",
-    "nav_status_6": "the navigator gave up: no free path to the tag was found",
-    "nav_status": "navigation ended without arriving",
-    "amcl_drift_var": "the robot's pose was too uncertain",
-    "no_pose": "the robot's pose was unknown",
-    "send_goal_exception": "the goal could not be sent",
-    "unknown_tag": "this tag's position is unknown",
-    "visual_confirm_missed": "the camera did not see the tag from its standoff pose",
-    "confirm_timeout": "the visual confirmation did not answer",
-    "scan_timeout": "the greenhouse bridge did not answer",
-    "bridge_status": "the greenhouse bridge refused the reading",
-    "skipped_by_operator": "skipped by the operator",
-    "mission_aborted": "the mission was aborted before its turn",
-    "dock_unreachable": "the mission ended before its turn, because the dock was not reached",
-}
 
 
 @dataclass(frozen=True)
@@ -63,15 +43,6 @@ class TagResult:
     worst_deviation: float
     flower: LoggedPot | None
     footprint: tuple[Point, ...]
-
-
-def reason(detail: str) -> str:
-    """Explain a mission's detail code; unknown text is returned unchanged."""
-    prefix = max((code for code in REASONS if detail.startswith(code)), key=len, default="")
-    if not prefix:
-        return detail
-    rest = detail[len(prefix) :].lstrip("=: ")
-    return f"{REASONS[prefix]} ({rest})" if rest and not rest.startswith("_") else REASONS[prefix]
 
 
 def natural_key(tag_id: str) -> tuple[int, int, str]:
@@ -123,7 +94,7 @@ def _outcome(attempts: list[ObservationEntry], has_readings: bool) -> tuple[str,
     if attempts:
         last = attempts[-1]
         names = {"unreachable": UNREACHABLE, "scan_failed": SCAN_FAILED, "skipped": SKIPPED}
-        return names.get(last.status, SEEN_ONLY), reason(last.detail)
+        return names.get(last.status, SEEN_ONLY), explain(last.detail)
     return (READ if has_readings else SEEN_ONLY), ""
 
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from lupin_runtime.arm.auto_home import AutoHome
     from tests.conftest import GraphHost
 
+# The waits that always take their whole time, in s.
+SHORT = {"visible_s": 0.5, "poll_s": 0.1, "settle_s": 0.02}
 STATES = ("unconfigured", "inactive", "active", "finalized")
 LISTED = st.dictionaries(st.sampled_from(graph.CONTROLLERS), st.sampled_from(STATES))
 
@@ -122,9 +124,8 @@ def home(graph_host: GraphHost) -> Iterator[AutoHome]:  # noqa: ARG001 -- the fi
     from lupin_runtime.arm.auto_home import AutoHome, Limits
     from lupin_runtime.ros import LupinNode
 
-    limits = Limits(5.0, 0.5, 0.1, 5.0, 5.0, 5.0, 0.1, 5.0)
     node = LupinNode("auto_home")
-    home = AutoHome(node, limits, say=lambda _: None)
+    home = AutoHome(node, Limits(**SHORT), say=lambda _: None)
     yield home
     home.close()
     node.destroy_node()
@@ -150,7 +151,12 @@ def test_inactive_controller_is_a_failure_without_arm_motion(graph_host: GraphHo
 
 
 @pytest.mark.graph
-def test_preset_call_is_repeated_until_it_succeeds(graph_host: GraphHost, home: AutoHome) -> None:
+def test_preset_call_is_repeated_until_it_succeeds(
+    graph_host: GraphHost, home: AutoHome, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from lupin_runtime.arm import auto_home
+
+    monkeypatch.setattr(auto_home, "RETRY_S", 0.1)
     manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
     manager.refusals = 1
     home.run()
@@ -179,7 +185,7 @@ def test_auto_home_prints_a_line_per_step(graph_host: GraphHost) -> None:
     Manager(graph_host, {**dict.fromkeys(graph.CONTROLLERS, "active"), "pid_wheels_controller": "unconfigured"})
     lines: list[str] = []
     node = LupinNode("auto_home")
-    home = AutoHome(node, Limits(5.0, 0.5, 0.1, 5.0, 5.0, 5.0, 0.1, 5.0), lines.append)
+    home = AutoHome(node, Limits(**SHORT), lines.append)
     home.run()
     home.close()
     node.destroy_node()
@@ -203,7 +209,7 @@ def test_silent_controller_manager_is_not_changed(monkeypatch: pytest.MonkeyPatc
 
     node = LupinNode("auto_home")
     lines: list[str] = []
-    home = AutoHome(node, Limits(visible_s=0.3, poll_s=0.1, call_s=0.1, list_repeat_s=0.1), lines.append)
+    home = AutoHome(node, Limits(visible_s=0.1, poll_s=0.02, call_s=0.1, list_repeat_s=0.02), lines.append)
     monkeypatch.setattr(home, "_wait", lambda *_: None)  # as if the service had been available just before the manager hung
     with pytest.raises(NotHome, match="has a server that does not respond"):
         home.activate_controllers()
@@ -235,7 +241,7 @@ def test_late_list_response_is_waited_for(graph_host: GraphHost) -> None:
     manager = Slow(graph_host, dict.fromkeys(graph.CONTROLLERS, "inactive"))
     node = LupinNode("auto_home")
     lines: list[str] = []
-    home = AutoHome(node, Limits(list_repeat_s=0.2 * LATE_S, poll_s=0.1), lines.append)
+    home = AutoHome(node, Limits(list_repeat_s=0.02 * LATE_S, poll_s=0.1), lines.append)
     home.activate_controllers()
     assert manager.asked > 1 and set(manager.states.values()) == {"active"}
     found = [line for line in lines if line.startswith("found: ")]
@@ -254,7 +260,7 @@ def test_lost_list_response_is_requested_again(graph_host: GraphHost, monkeypatc
     Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
     node = LupinNode("auto_home")
     lines: list[str] = []
-    home = AutoHome(node, Limits(call_s=10.0, visible_s=0.0, list_repeat_s=0.2), lines.append)
+    home = AutoHome(node, Limits(call_s=10.0, visible_s=0.0, list_repeat_s=0.02), lines.append)
     ask, lost = home._list.call_async, [Future()]
     monkeypatch.setattr(home._list, "call_async", lambda request: lost.pop() if lost else ask(request))
     home.activate_controllers()
@@ -270,10 +276,10 @@ def test_auto_home_is_bounded_in_total() -> None:
     from lupin_runtime.ros import LupinNode
 
     node = LupinNode("auto_home")
-    home = AutoHome(node, Limits(total_s=2.0), say=lambda _: None)  # a wait for one service alone may take longer
-    with pytest.raises(NotHome, match=r"waited [0-2]\.\d s for the service"):
+    home = AutoHome(node, Limits(total_s=0.2), say=lambda _: None)  # a wait for one service alone may take longer
+    with pytest.raises(NotHome, match=r"waited 0\.\d s for the service"):
         home.run()
-    with pytest.raises(NotHome, match="gave up after 2 s"):
+    with pytest.raises(NotHome, match=r"gave up after 0\.2 s"):
         home.run()
     home.close()
     node.destroy_node()
@@ -352,7 +358,7 @@ def test_auto_home_waits_for_an_estop_that_nobody_pressed(graph_host: GraphHost)
             statuses.publish(String(data=json.dumps({"engaged": False, "unheard": [], "presses": 0})))
 
     node = LupinNode("auto_home")
-    home = AutoHome(node, Limits(settle_s=1.0), say, unattended=True)
+    home = AutoHome(node, Limits(settle_s=0.1), say, unattended=True)
     statuses.publish(String(data=json.dumps({"engaged": True, "unheard": ["button"], "presses": 0})))
     home.run()
     assert not engaged and manager.presets == ["home"]
@@ -378,7 +384,7 @@ def test_press_while_auto_home_waits_for_the_estop_ends_it(graph_host: GraphHost
             statuses.publish(String(data=json.dumps({"engaged": True, "unheard": [], "presses": 1})))
 
     node = LupinNode("auto_home")
-    home = AutoHome(node, Limits(settle_s=1.0), say, unattended=True)
+    home = AutoHome(node, Limits(settle_s=0.1), say, unattended=True)
     statuses.publish(String(data=json.dumps({"engaged": True, "unheard": ["button"], "presses": 0})))
     with pytest.raises(Estopped, match="e-stop engaged"):
         home.run()
@@ -409,7 +415,7 @@ def test_auto_home_does_not_move_after_a_press(
 
     manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
     node = LupinNode("auto_home")
-    home = AutoHome(node, Limits(settle_s=1.0), lambda _: None, unattended)
+    home = AutoHome(node, Limits(settle_s=0.1), lambda _: None, unattended)
     monkeypatch.setattr(home, "activate_controllers", lambda: tell_of_press(manager, ago_s))
     if moves:
         home.run()
@@ -428,7 +434,7 @@ def test_unattended_auto_home_waits_for_the_estop_status(graph_host: GraphHost) 
 
     manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
     node = LupinNode("auto_home")
-    home = AutoHome(node, Limits(preset_s=1.0), lambda _: None, unattended=True)
+    home = AutoHome(node, Limits(preset_s=0.1), lambda _: None, unattended=True)
     with pytest.raises(NotHome, match=graph.ESTOP_STATUS.name):
         home.run()
     assert manager.presets == []

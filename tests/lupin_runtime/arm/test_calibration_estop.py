@@ -13,6 +13,7 @@ from lupin_runtime import graph
 from lupin_runtime.arm.calibration import HOME_COUNTS
 from lupin_runtime.arm.motion import Refused
 from lupin_sim.servos import NAMES, RAD_PER_COUNT, ServoBus
+from tests.support.waiting import WAIT_S
 
 if TYPE_CHECKING:
     from tests.conftest import GraphHost
@@ -45,6 +46,8 @@ class Robot:
         self.bus.read(self.physical)
         self.command: list[float | None] = [None] * 5
         self.engaged = False
+        self.is_press_known: Callable[[], bool] = bool
+        self.held: Any = None  # the call that is answered once the press is known
         self.refuses: set[str] = set()
         self.calls: list[tuple[str, Any]] = []
         self.node = LupinNode("vendor")
@@ -54,7 +57,7 @@ class Robot:
         group, positions = ReentrantCallbackGroup(), {}
         for index, name in enumerate(NAMES):
             self.node.service(graph.servo_set_angle(name), partial(self._set_angle, index), group)
-            self.node.service(graph.servo_offset(name), partial(self._get_offset, index))
+            self.node.service(graph.servo_offset(name), partial(self._get_offset, index), group)
             self.node.service(graph.servo_set_offset(name), partial(self._set_offset, index), group)
             positions[index] = self.node.publisher(graph.servo_position(name))
         joints, estop = self.node.publisher(graph.JOINT_STATES), self.node.publisher(graph.ESTOP_STATE)
@@ -92,22 +95,26 @@ class Robot:
         response.status = NAMES[index] not in self.refuses
         if response.status:
             self.bus.set_angle(index, request.angle)
-        return await self._after_delay(response)
+        return await self._answer(self.calls[-1], response)
 
-    async def _after_delay(self, response: Any) -> Any:
+    async def _answer(self, call: Any, response: Any) -> Any:
         from lupin_runtime.arm import async_wait
 
         await async_wait.sleep(self.node, ANSWER_S)
+        if call == self.held:
+            while not self.is_press_known():
+                await async_wait.sleep(self.node, STEP_S)
+            self.held = None
         return response
 
-    def _get_offset(self, index: int, _: Any, response: Any) -> Any:
+    async def _get_offset(self, index: int, _: Any, response: Any) -> Any:
         response.centidegrees = self.bus.offsets_counts[index]
-        return response
+        return await self._answer(f"offset of {NAMES[index]}", response)
 
     async def _set_offset(self, index: int, request: Any, response: Any) -> Any:
         self.calls.append((f"offset of {NAMES[index]}", request.centidegrees))
         self.bus.offsets_counts[index] = request.centidegrees
-        return await self._after_delay(response)
+        return await self._answer(self.calls[-1], response)
 
     @property
     def offsets(self) -> dict[str, int]:
@@ -139,6 +146,7 @@ class Operator:
         host.until(self._client.service_is_ready, what="the service")
         host.until(lambda: self.motion.state(fresh=True), what="the arm's pose")
         host.until(lambda: not self._is_refused(), what="the e-stop's state")
+        robot.is_press_known = self._is_refused
 
     def send(self, action: str) -> Any:
         from lupin_msgs.srv import CalibrateArm
@@ -186,6 +194,7 @@ def operator(graph_host: GraphHost, robot: Robot, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(calibrate_server, "SETTLE_S", 0.1)
     monkeypatch.setattr(calibrate_server, "SAMPLE_S", 0.3)
+    monkeypatch.setattr(calibrate_server, "CALL_S", WAIT_S)  # the robot holds an answer until the press is known
     return Operator(graph_host, robot)
 
 
@@ -195,6 +204,12 @@ def press_during_start(host: GraphHost, operator: Operator, condition: Callable[
     host.until(condition, what="the moment of the press")
     operator.press(True)
     return operator.answer(start)
+
+
+def press_at(host: GraphHost, operator: Operator, robot: Robot, call: tuple[str, float]) -> Any:
+    """Start a calibration, press the e-stop before the robot answers this call, and return the start's answer."""
+    robot.held = call
+    return press_during_start(host, operator, lambda: call in robot.calls)
 
 
 def is_moving(robot: Robot, servo: str) -> bool:
@@ -236,17 +251,15 @@ def test_press_stops_moving_servos_and_keeps_their_offsets(graph_host: GraphHost
 
 
 def test_press_before_the_next_offset_writes_none(graph_host: GraphHost, robot: Robot, operator: Operator) -> None:
-    answer = press_during_start(graph_host, operator, lambda: ("shoulder_lift", 0.0) in robot.calls)
+    answer = press_at(graph_host, operator, robot, ("shoulder_lift", 0.0))
     assert not answer.success
-    written = [call for call in robot.calls if call[0].startswith("offset")]
-    count = len(robot.calls)
     operator.rest()
-    assert [call for call in robot.calls[count:] if call[0].startswith("offset")] == []
-    assert all(value == 0 for _, value in written) and len(written) < len(HOME_COUNTS)
+    assert [call for call in robot.calls if call[0].startswith("offset")] == [("offset of shoulder_lift", 0)]
 
 
 def test_press_before_the_first_step_leaves_the_arm_ready(graph_host: GraphHost, robot: Robot, operator: Operator) -> None:
     before = list(robot.physical)
+    robot.held = "offset of shoulder_lift"
     answer = press_during_start(graph_host, operator, lambda: not robot.bus.gate_open)
     assert not answer.success and answer.state == "IDLE"
     assert change(operator.rest(), before) < AT_REST_RAD
@@ -274,9 +287,11 @@ def test_limp_arm_is_cancelled_under_the_estop_without_motion(robot: Robot, oper
 def test_press_during_the_readings_of_a_commit_writes_nothing(robot: Robot, operator: Operator) -> None:
     assert operator.ask("start").success
     robot.pose_by_hand(math.radians(5.0))
+    robot.held = "offset of shoulder_lift"
     commit = operator.send("commit")
     operator.press(True)
     answer = operator.answer(commit)
+    robot.held = None
     assert not answer.success and answer.state == "AWAITING_POSE"
     assert set(robot.offsets.values()) == {0} and not robot.bus.torque
     operator.press(False)
@@ -310,14 +325,12 @@ def is_moving_from(robot: Robot, servo: str, angle_rad: float) -> bool:
 
 def test_press_during_the_restoration_keeps_what_is_left(graph_host: GraphHost, robot: Robot, operator: Operator) -> None:
     robot.refuses = {"gripper"}  # the start fails at the last servo, and restores the offsets
-    restored = ("offset of shoulder_lift", OFFSET)
-    answer = press_during_start(graph_host, operator, lambda: restored in robot.calls)
+    answer = press_at(graph_host, operator, robot, ("offset of shoulder_lift", OFFSET))
     assert not answer.success
     at = operator.rest()
     left = [servo for servo, offset in robot.offsets.items() if offset == 0]
-    if left:  # the press may have come after the last one
-        assert all(servo in answer.message for servo in left)
-        operator.press(False)
-        assert change(operator.rest(), at) < AT_REST_RAD
-        assert operator.ask("cancel").success
+    assert left and all(servo in answer.message for servo in left)
+    operator.press(False)
+    assert change(operator.rest(), at) < AT_REST_RAD
+    assert operator.ask("cancel").success
     assert robot.offsets == dict.fromkeys(HOME_COUNTS, OFFSET)

@@ -33,8 +33,16 @@ export function useIsControlStale(): boolean {
   return useIsLinkLost() || isOffline;
 }
 
-/** Whether the robot is stopped as it says itself; null before it said so, or where that is out of date. */
-export function useEstop(): { engaged: boolean | null; reasons: string[]; receivedMs: number | null } {
+interface Estop {
+  /** Whether the robot is stopped as it says itself; null before it said so, or where that is out of date. */
+  engaged: boolean | null;
+  /** What it said last, however long ago; null before it said anything. */
+  lastEngaged: boolean | null;
+  reasons: string[];
+  receivedMs: number | null;
+}
+
+export function useEstop(): Estop {
   const state = useTopic(TOPICS.ESTOP_STATE);
   const status = useTopic(TOPICS.ESTOP_STATUS);
   const now = useNow();
@@ -42,6 +50,7 @@ export function useEstop(): { engaged: boolean | null; reasons: string[]; receiv
   const fresh = state !== undefined && now - state.receivedMs < ESTOP_STALE_MS;
   return {
     engaged: fresh ? state.message.data : null,
+    lastEngaged: state?.message.data ?? null,
     reasons: fresh && state.message.data ? reasons : [],
     receivedMs: state?.receivedMs ?? null,
   };
@@ -182,6 +191,7 @@ function useDriveFacts(): DriveFacts {
     inControl: hasControl(server),
     gateReason: gate.engaged && gate.reason !== null ? text(`reason_${gate.reason}`) : null,
     estopReasons: estop.engaged !== true ? [] : stops.length > 0 ? stops.map(({ key, values, words }) => (key === null ? wordsIn(language, words) : text(key, values))) : [text("is_stopped")],
+    isStopKnown: estop.engaged !== null,
     missionDrives,
     isMissionSilent,
     navigates,

@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { SENTENCES } from "@/generated/sentences";
 import { writeNumbersIn } from "@/ui/numbers";
 import { DUTCH_SENTENCES } from "./catalog/sentences";
-import { isForeign, wordsIn } from "./robot_words";
+import { explained, isForeign, wordsIn } from "./robot_words";
 
 const placesOf = (template: string) => [...template.matchAll(/\{(\w+)\}/g)].map(([, place]) => place).toSorted();
 
@@ -14,6 +14,13 @@ describe("the robot's own words", () => {
     expect(isForeign("nl", words)).toBe(false);
     expect(wordsIn("nl", words)).not.toBe(words);
     expect(wordsIn("en", words)).toBe(words);
+  });
+
+  it("explain the code of a detail, of which the longest that fits counts", () => {
+    expect(wordsIn("nl", explained("nav_status_6"))).toBe("navigatie gaf het op: geen vrije weg naar de tag gevonden");
+    expect(wordsIn("nl", explained("nav_status_4"))).toBe("navigatie eindigde zonder aankomst");
+    expect(explained("amcl_drift_var=0.41")).toBe("the robot's pose was too uncertain");
+    expect(explained("a detail of a later version")).toBe("a detail of a later version");
   });
 
   it("keep their values, with the page's decimal mark", () => {

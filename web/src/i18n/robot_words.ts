@@ -19,6 +19,15 @@ export function wordsIn(language: Language, words: string): string {
   return language === "en" ? words : (translated(words) ?? words);
 }
 
+const DETAIL = "detail_";
+const DETAIL_NAMES = (Object.keys(SENTENCES) as SentenceName[]).filter((name) => name.startsWith(DETAIL)).sort((one, other) => other.length - one.length);
+
+/** Why a tag was not visited, in words that `wordsIn` knows: the mission sends a code, which may have more at its end. */
+export function explained(detail: string): string {
+  const name = DETAIL_NAMES.find((each) => detail.startsWith(each.slice(DETAIL.length)));
+  return name === undefined ? detail : SENTENCES[name];
+}
+
 /** Whether `wordsIn` returns words of another language than the page's. */
 export function isForeign(language: Language, words: string): boolean {
   return language !== "en" && translated(words) === null;

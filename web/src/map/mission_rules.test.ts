@@ -49,6 +49,13 @@ describe("mission controls", () => {
     expect(refusal("start", facts({ battery_low: true }))).toBe("mission_charge_first");
   });
 
+  it("start nothing while it is not known whether the robot is stopped", () => {
+    const unknown = { stopped: null };
+    expect(refusal("start", facts({}, unknown))).toBe("mission_stop_unknown");
+    expect(possible(facts({ lifecycle_state: "MONITORING", paused: true }, unknown))).toEqual(["abort"]);
+    expect(possible(facts({ lifecycle_state: "EXPLORING" }, unknown))).toEqual(["pause", "abort"]);
+  });
+
   it("set nothing in motion through a closed gate, and let what moves be paused", () => {
     expect(refusal("start", facts({}, { isGateClosed: true }))).toBe("mission_hold_first");
     const paused = facts({ lifecycle_state: "MONITORING", paused: true }, { isGateClosed: true });

@@ -52,14 +52,14 @@ function obstacle(action: MissionAction, facts: MissionFacts): TextKey | null {
   if (facts.isViewer) return "mission_viewer";
   if (facts.isWatching) return "why_other_tab";
   if (facts.isHeldByOther) return "mission_held";
-  const isStopped = facts.stopped === true || mission.estop_engaged;
+  const stopped = facts.stopped === true || mission.estop_engaged ? "mission_release_first" : facts.stopped === null ? "mission_stop_unknown" : null;
   const active = (ACTIVE_STATES as readonly string[]).includes(mission.lifecycle_state);
   switch (action) {
     case "start":
       if (active) return "mission_running";
       if (mission.lifecycle_state === "FAULT") return "mission_reset_first";
       if (mission.lifecycle_state !== "READY" && mission.lifecycle_state !== "DONE") return "mission_not_ready";
-      if (isStopped) return "mission_release_first";
+      if (stopped !== null) return stopped;
       return mission.battery_low ? "mission_charge_first" : null;
     case "pause":
       if (!active) return "mission_none_running";
@@ -67,7 +67,7 @@ function obstacle(action: MissionAction, facts: MissionFacts): TextKey | null {
       return mission.lifecycle_state === "RETURNING" && mission.battery_low ? "mission_returns_to_charge" : null;
     case "resume":
       if (!active || !mission.paused) return "mission_not_paused";
-      if (isStopped) return "mission_release_first";
+      if (stopped !== null) return stopped;
       return mission.battery_low && mission.lifecycle_state !== "RETURNING" ? "mission_charge_first" : null;
     case "abort":
       if (!active) return "mission_none_running";
@@ -76,7 +76,7 @@ function obstacle(action: MissionAction, facts: MissionFacts): TextKey | null {
       return mission.lifecycle_state === "INSPECTING" && mission.current_target !== "" ? null : "mission_skip_in_inspection";
     case "dock":
       if (!RESUMABLE.includes(mission.lifecycle_state)) return "mission_dock_while_active";
-      return isStopped ? "mission_release_first" : null;
+      return stopped;
     case "reset":
       return mission.lifecycle_state === "FAULT" ? null : "mission_reset_in_fault";
   }

@@ -27,8 +27,9 @@ export function StoppedBanner() {
   const isRewound = useIsRewound();
   const isWatching = useTabRole(({ role }) => role === "watching");
   const stopped = estop.engaged === true || state.stop.length > 0;
+  const wasStopped = !stopped && estop.engaged === null && estop.lastEngaged === true;
   // While the page is rewound, its own gate says nothing: it sends no command anyway.
-  if (!linkOpen || state.session === null || (!stopped && (!gate.engaged || isRewound))) return null;
+  if (!linkOpen || state.session === null || (!stopped && (isRewound || (!gate.engaged && !wasStopped)))) return null;
 
   const lines = stopLines({
     own: gate.isStated && gate.reason !== null ? { press: stopGate.press, key: `reason_${gate.reason}`, ageS: null } : null,
@@ -38,6 +39,9 @@ export function StoppedBanner() {
   });
   const holder = state.control.holder;
   const mayRelease = state.session.role === "operator" && (holder === null || hasControl(state)) && !isWatching;
+
+  const closedBy = gate.reason === "startup" || gate.reason === "user" ? null : gate.reason;
+  const sinceMs = stopped ? null : wasStopped ? estop.receivedMs : closedBy === null ? null : gate.sinceMs;
 
   async function tryRelease(): Promise<void> {
     try {
@@ -57,23 +61,23 @@ export function StoppedBanner() {
       )}
     >
       <HoldButton onHeld={() => void tryRelease()} disabled={!mayRelease || isRewound} data-testid="release">
-        {stopped ? text("hold_to_release") : text("hold_to_start")}
+        {text(stopped || wasStopped ? "hold_to_release" : "hold_to_start")}
       </HoldButton>
       <Octagon aria-hidden="true" className={cn("shrink-0", stopped ? "size-8" : "size-6 text-text-3")} />
       <p className="min-w-0 grow basis-60">
         <strong className={stopped ? "text-lead leading-tight font-bold max-md:text-base" : "font-semibold"}>
-          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : gate.reason === null || gate.reason === "startup" || gate.reason === "user" ? text("cannot_drive_yet") : text("page_cannot_drive", { reason: text(`reason_${gate.reason}`) })}
+          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : wasStopped ? text("was_stopped") : closedBy === null ? text("cannot_drive_yet") : text("page_cannot_drive", { reason: text(`reason_${closedBy}`) })}
         </strong>
-        {!stopped && gate.reason !== null && gate.reason !== "startup" && gate.reason !== "user" && (
+        {sinceMs !== null && (
           <span aria-hidden="true" className="ml-2 text-text-2 tabular-nums" data-testid="stop-age">
-            <Age atMs={gate.sinceMs} />
+            <Age atMs={sinceMs} />
           </span>
         )}
         <span className={cn("block text-xs", stopped ? "text-white" : "text-text-2")}>
           {problem !== ""
             ? text("release_failed", { reason: problem })
             : mayRelease
-              ? text(stopped ? "nothing_moves_after_release" : "cannot_drive_yet_hint")
+              ? text(stopped || wasStopped ? "nothing_moves_after_release" : "cannot_drive_yet_hint")
               : elsewhere() !== null && !gate.isStated ? text("elsewhere_no_command") : text(gate.isStated ? "release_needs_withdrawal" : stopped ? "release_needs_control" : "driving_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
           {lines.some(({ name }) => name !== null) && text("this_browser_is", { name: state.session.name })}
         </span>

@@ -20,8 +20,9 @@ export interface DriveFacts {
   inControl: boolean;
   /** This page's own gate, with the text of its reason; null while it is open. */
   gateReason: string | null;
-  /** Reasons of the robot's own e-stop; empty while it is released. */
+  /** Reasons of the robot's own e-stop; empty while it is released, and where it is not known. */
   estopReasons: string[];
+  isStopKnown: boolean;
   missionDrives: boolean;
   /** The mission's state is out of date, so that it may be driving. */
   isMissionSilent: boolean;
@@ -61,6 +62,7 @@ export function motionObstacles(facts: DriveFacts): Reason[] {
   if (facts.isWatching) reasons.push({ key: "why_other_tab" });
   if (facts.role === "viewer") reasons.push({ key: "why_viewer" });
   if (facts.estopReasons.length > 0) reasons.push({ key: "why_estop", values: { reason: facts.estopReasons.join(", ") } });
+  if (!facts.isStopKnown) reasons.push({ key: "why_stop_unknown" });
   if (!facts.inControl && facts.holder !== null) reasons.push({ key: "why_control", values: { holder: facts.holder } });
   if (facts.gateReason !== null) reasons.push({ key: facts.estopReasons.length > 0 ? "why_gate" : "why_hold_first", values: { reason: facts.gateReason } });
   if (facts.missionDrives) reasons.push({ key: "why_mission" });

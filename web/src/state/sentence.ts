@@ -6,7 +6,7 @@ import type { Wheels } from "./wheels";
 export interface Situation {
   linkOpen: boolean;
   wasOpen: boolean;
-  /** The robot's e-stop; null before it was received. */
+  /** The robot's e-stop; null where it is not known. */
   stopped: boolean | null;
   mission: lupin_msgs_MissionState | null;
   /** The mission's state has not come for a while; then `mission` is null. */
@@ -43,6 +43,7 @@ export function sentence(situation: Situation): Sentence {
   if (!linkOpen) return wasOpen ? { key: "link_lost", tone: "lost" } : { key: "connecting", tone: "calm" };
   const isTurning = wheels === "turning";
   if (stopped === true) return { key: isTurning ? "stopped_moving" : "stopped", tone: "stop" };
+  if (stopped === null && !isTurning) return { key: "stop_unknown", tone: "lost" };
   if (mission !== null && isActive(mission)) return whileActive(mission, situation);
   // Other pages, too, may hold the manual input at zero.
   if (isByHand(situation) && wheels !== "standing") return { key: "driving_by_hand", tone: "active" };

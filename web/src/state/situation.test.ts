@@ -95,6 +95,12 @@ describe("the sentence", () => {
     expect(sentence({ ...LIVE, stopped: true, wheels: "turning" })).toEqual({ key: "stopped_moving", tone: "stop" });
   });
 
+  it("does not pass off an unknown stop as a released one", () => {
+    for (const mission of MISSIONS)
+      for (const wheels of ["standing", "unknown"] as const) expect(sentence({ ...LIVE, stopped: null, mission, wheels })).toEqual({ key: "stop_unknown", tone: "lost" });
+    expect(sentence({ ...LIVE, stopped: null, wheels: "turning" }).key).toBe("driving_to");
+  });
+
   it("does not guess what a silent mission does", () => {
     expect(sentence({ ...LIVE, mission: null, isMissionSilent: true })).toEqual({ key: "mission_is_silent", tone: "lost" });
   });
@@ -151,6 +157,7 @@ describe("can I drive?", () => {
     inControl: false,
     gateReason: null,
     estopReasons: [],
+    isStopKnown: true,
     missionDrives: false,
     isMissionSilent: false,
     navigates: false,
@@ -193,6 +200,11 @@ describe("can I drive?", () => {
   it("says how a gate is opened that nothing else holds closed", () => {
     expect(driveObstacles({ ...FREE, gateReason: "opened" })[0]?.key).toBe("why_hold_first");
     expect(driveObstacles({ ...FREE, gateReason: "opened", estopReasons: ["button"] })[1]?.key).toBe("why_gate");
+  });
+
+  it("moves nothing while it is not known whether the robot is stopped", () => {
+    expect(driveObstacles({ ...FREE, isStopKnown: false })).toEqual([{ key: "why_stop_unknown" }]);
+    expect(relocationObstacles({ ...FREE, isStopKnown: false })).toEqual([]);
   });
 
   it("names a silent bus and wheels without a listener", () => {

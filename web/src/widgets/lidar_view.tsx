@@ -82,7 +82,7 @@ function drawScan(canvas: HTMLCanvasElement, points: readonly Echo[], rangeM: nu
     context.arc(width / 2, height / 2, ring * scale, 0, 2 * Math.PI);
     context.stroke();
     context.fillStyle = cssColor("--color-text-3");
-    context.fillText(`${ring} m`, width / 2, toY(ring) - 4);
+    context.fillText(`${ring} m`, width / 2, toY(ring) + 12);
   }
   context.fillStyle = cssColor("--color-sensed");
   for (const { x, y } of points) context.fillRect(toX(y) - 1.5, toY(x) - 1.5, 3, 3);

@@ -1,5 +1,5 @@
 import { expect, test } from "@playwright/test";
-import { Network, consolePid, drive, fallAsleep, openLive, staysAtRest, takeControl, untilAtRest, untilLive, untilReplaced } from "../support/live";
+import { Network, consolePid, drive, fallAsleep, openLive, recordTexts, staysAtRest, takeControl, untilAtRest, untilLive, untilReplaced } from "../support/live";
 import { TABS } from "../support/page";
 
 for (const signal of ["SIGKILL", "SIGSTOP"] as const) {
@@ -24,6 +24,7 @@ test("a page knows its own stop after the server came back, and after it was rel
   await page.getByTestId("stop").click();
   const banner = page.getByRole("status").filter({ hasText: "This browser is" });
   await expect(banner).toContainText("Stopped by you");
+  const said = await recordTexts(page, ["sentence", "release"]);
   const pid = consolePid();
   process.kill(pid, "SIGKILL");
   const age = page.getByTestId("loss-age");
@@ -39,6 +40,9 @@ test("a page knows its own stop after the server came back, and after it was rel
   await untilLive(page);
   await expect(banner).toContainText("Stopped by you");
   await expect(banner).not.toContainText("browser of the console");
+  // In all that time it never seemed to be released.
+  expect(await said("sentence")).toEqual(["Stopped", "Link lost", "Not known whether the robot is stopped", "Stopped"]);
+  expect(await said("release")).toEqual(["Hold to release", "", "Hold to release"]);
   await page.reload();
   await untilLive(page);
   await expect(banner).toContainText("by this browser");

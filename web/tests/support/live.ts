@@ -142,3 +142,20 @@ export async function fallAsleep(context: BrowserContext, page: Page): Promise<(
     await session.detach();
   };
 }
+
+/** Record every text that the elements of these test ids show from now on; "" while there is none. The returned function reads them. */
+export async function recordTexts(page: Page, ids: readonly string[]): Promise<(id: string) => Promise<string[]>> {
+  await page.evaluate((names) => {
+    const texts = Object.fromEntries(names.map((id) => [id, [] as string[]]));
+    const note = () => {
+      for (const id of names) {
+        const shown = document.querySelector<HTMLElement>(`[data-testid="${id}"]`)?.innerText.trim() ?? "";
+        if (texts[id]?.at(-1) !== shown) texts[id]?.push(shown);
+      }
+    };
+    note();
+    new MutationObserver(note).observe(document.body, { subtree: true, childList: true, characterData: true });
+    Object.assign(window, { recordedTexts: texts });
+  }, ids);
+  return (id) => page.evaluate((name) => (window as unknown as { recordedTexts: Record<string, string[]> }).recordedTexts[name] ?? [], id);
+}

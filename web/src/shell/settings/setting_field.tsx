@@ -212,7 +212,8 @@ function choiceLabel(choice: string, text: Text): string {
 /** What a setting means, and whom it concerns. */
 function hintOf(name: SettingName, text: Text): string {
   const key = `setting_${name}_hint`;
-  return `${isKey(key) ? `${text(key)} · ` : ""}${text(isShared(name) ? "settings_for_all" : "settings_for_this")}`;
+  const holdsFor = text(isShared(name) ? "settings_for_all" : "settings_for_this");
+  return isKey(key) ? `${text(key)} · ${holdsFor}` : holdsFor.charAt(0).toUpperCase() + holdsFor.slice(1);
 }
 
 function isKey(key: string): key is TextKey {

@@ -1,11 +1,13 @@
 import { Bell, CircleAlert, Flag, Footprints, Gamepad2, type LucideIcon, OctagonX, Pause, Radar, Waypoints } from "lucide-react";
 import { useState } from "react";
-import { useText } from "@/i18n/text";
+import { explained, wordsIn } from "@/i18n/robot_words";
+import { type Language, type TextValues, useLanguage, useText } from "@/i18n/text";
 import type { EventKind } from "@/map/events";
 import { type LoggedEvent, collapseEvents, useMissionLog } from "@/map/mission_log";
 import { useRewind } from "@/state/rewind";
 import { cn } from "@/ui/cn";
 import { writeMoment } from "@/ui/numbers";
+import { RobotWords } from "@/ui/robot_words";
 import { Segments } from "@/ui/segments";
 
 const ICONS: Record<EventKind, LucideIcon> = {
@@ -60,6 +62,7 @@ export function EventList() {
 
 function EventRow({ event, count }: { event: LoggedEvent; count: number }) {
   const text = useText();
+  const language = useLanguage((store) => store.language);
   const Icon = ICONS[event.kind];
   return (
     <li className="flex items-baseline gap-3 border-b border-line px-4 py-1.5">
@@ -69,10 +72,16 @@ function EventRow({ event, count }: { event: LoggedEvent; count: number }) {
         className={cn("size-3.5 shrink-0 self-center text-text-3", event.severity === "warn" && "text-attention", event.severity === "error" && "text-stop-text")}
       />
       <span className={cn("min-w-0 grow break-words", event.severity === "error" && "text-stop-text")}>
-        {"key" in event.text ? text(event.text.key, event.text.values) : <span lang="en">{event.text.raw.slice(0, 300)}</span>}
+        {"key" in event.text ? text(event.text.key, inWords(language, event.text.values)) : <RobotWords words={event.text.raw.slice(0, 300)} />}
         {count > 1 && <span className="ml-2 text-text-3 tabular-nums">× {count}</span>}
       </span>
       <span className="shrink-0 text-xs text-text-3">{text(`mission_kind_${event.kind}`)}</span>
     </li>
   );
+}
+
+/** With the code of an observation's detail, if there is one, in words. */
+function inWords(language: Language, values: TextValues = {}): TextValues {
+  const { detail } = values;
+  return typeof detail === "string" ? { ...values, detail: wordsIn(language, explained(detail)) } : values;
 }

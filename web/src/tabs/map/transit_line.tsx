@@ -114,10 +114,10 @@ interface StationProps {
 
 function Station({ label, note, isCurrent = false, isAhead = false, before, after, onClick, children }: StationProps) {
   const name = <span className={cn("max-w-16 truncate leading-tight", isCurrent ? "text-lg font-bold text-alive" : isAhead ? "text-base text-text-2" : "text-base font-semibold")}>{label}</span>;
-  const text = note !== undefined && <span className={cn("text-xs leading-tight whitespace-nowrap numeric", note.isAlarming ? "font-sans text-attention" : "text-text-3")}>{note.text}</span>;
+  const text = note !== undefined && <span className={cn("px-1.5 text-xs leading-tight whitespace-nowrap numeric", note.isAlarming ? "font-sans text-attention" : "text-text-3")}>{note.text}</span>;
   return (
-    <li {...(isCurrent ? { "aria-current": "step" as const } : {})} className="flex min-w-15 grow basis-0 flex-col">
-      <span aria-hidden="true" className="flex h-8 items-center">
+    <li {...(isCurrent ? { "aria-current": "step" as const } : {})} className="flex min-w-max grow basis-0 flex-col">
+      <span aria-hidden="true" className="flex h-8 min-w-15 items-center">
         <span className={cn("grow", LEGS[before])} />
         <span className="grid shrink-0 place-items-center px-0.5">{children}</span>
         <span className={cn("grow", LEGS[after])} />

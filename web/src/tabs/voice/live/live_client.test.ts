@@ -71,6 +71,20 @@ describe("the client of the Live API", () => {
     expect(sockets).toHaveLength(2);
   });
 
+  it("goes on with an utterance on another connection", async () => {
+    const { client, last, connect } = opened();
+    await connect();
+    client.beginActivity();
+    client.sendAudio("AA==");
+    last().end(1011);
+    client.sendAudio("BB==");
+    client.endActivity();
+    await vi.advanceTimersByTimeAsync(300);
+    await connect();
+    const kinds = last().sent.slice(1).map((message) => Object.keys(message["realtimeInput"] as object)[0]);
+    expect(kinds).toEqual(["activityStart", "audio", "activityEnd"]);
+  });
+
   it("moves before the service ends a long connection", async () => {
     const { sockets, last, connect } = opened("gemini-3.8-live");
     await connect();

@@ -32,6 +32,8 @@ export class LiveClient {
   private isReady = false;
   private isOver = false;
   private isBusy = false;
+  /** Whether the operator is speaking. */
+  private isActive = false;
   private handle: string | null = null;
   private hasTalked = false;
   private waiting: { text: string; isAudio: boolean }[] = [];
@@ -60,10 +62,12 @@ export class LiveClient {
   }
 
   beginActivity(): void {
+    this.isActive = true;
     this.send(ACTIVITY_START);
   }
 
   endActivity(): void {
+    this.isActive = false;
     this.send(ACTIVITY_END);
   }
 
@@ -186,6 +190,8 @@ export class LiveClient {
     this.end("setup");
     this.end("move");
     const { socket } = this;
+    // The next connection does not know that an utterance has begun.
+    if (this.isReady && this.isActive) this.waiting.push({ text: JSON.stringify(ACTIVITY_START), isAudio: false });
     this.socket = null;
     this.isReady = false;
     socket?.close();
