@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import subprocess
-import sys
 import termios
 from pathlib import Path
 
@@ -14,10 +12,9 @@ import pytest
 from lupin_cli.facts import board_agent
 from lupin_runtime.board_protocol import LOOP_BACK, PROBE_REQUESTS, encode
 from lupin_sim.motor_board import Firmware, SimulatedBoard
+from tests.support.board_probe import held_port
 
 TIOCGEXCL = 0x80045440  # linux/ioctls.h; Python's termios lacks it
-# Opens a file and holds it until its standard input ends.
-HOLD = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('open', flush=True); sys.stdin.read()"
 
 pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="only root sees the open files of all processes")
 
@@ -27,12 +24,8 @@ def test_holder_behind_a_link_is_found_by_its_device(tmp_path: Path) -> None:
         link = tmp_path / "board"
         link.symlink_to(board.port)
         assert list(board_agent.find_holders(board.port)) == []
-        with subprocess.Popen(
-            [sys.executable, "-c", HOLD, str(link)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        ) as holder:
-            assert holder.stdin is not None and holder.stdout is not None and holder.stdout.readline() == "open\n"
-            assert [line.split()[0] for line in board_agent.find_holders(board.port)] == [str(holder.pid)]
-            holder.stdin.close()
+        with held_port(str(link)) as pid:
+            assert [line.split()[0] for line in board_agent.find_holders(board.port)] == [str(pid)]
 
 
 def is_exclusive(file: int) -> bool:

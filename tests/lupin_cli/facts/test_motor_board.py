@@ -3,49 +3,21 @@
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from lupin_cli.connection.base import Output
-from lupin_cli.facts.motor_board import MOTOR_BOARD, AskedPort, MotorBoard, parse, probe_script
+from lupin_cli.facts.motor_board import MOTOR_BOARD, AskedPort
 from lupin_runtime.board_protocol import ENCODER, Answer, encode
 from lupin_sim.motor_board import ENCODER_NEW, MOVING, BoardFault, Firmware, SimulatedBoard
-
-SHELL = shutil.which("dash") or "/bin/sh"
-LATE_S = 2.2  # later than the vendor's driver waits
-# Opens a file and holds it until its standard input ends.
-HOLD = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('open', flush=True); sys.stdin.read()"
+from tests.support.board_probe import LATE_S, held_port, run_board_probe
 
 pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="only root sees the open files of all processes")
 
 
-@pytest.fixture
-def by_id(tmp_path: Path) -> Path:
-    """Give a folder for links to ports, as udev has one."""
-    folder = tmp_path / "by-id"
-    folder.mkdir()
-    return folder
-
-
-def run_probe(by_id: Path, board: SimulatedBoard, path: str = "") -> MotorBoard:
-    """Run the probe for the port of a board, which udev has named. Programs in the folder `path` replace others."""
-    (by_id / "usb-Raspberry_Pi_Pico_E66164084385-if00").symlink_to(board.port)
-    environment = {**os.environ, "PATH": f"{path}:{os.environ['PATH']}"}
-    command = [SHELL, "-c", probe_script(str(by_id))]
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60, env=environment)
-    assert done.stderr == ""
-    found = parse(Output(done.returncode, done.stdout))
-    assert found.serial_ports == (board.port,)
-    return found
-
-
-def ask(by_id: Path, board: SimulatedBoard) -> AskedPort:
+def ask(tmp_path: Path, board: SimulatedBoard) -> AskedPort:
     """Run the probe while nothing else may use the board."""
-    (asked,) = run_probe(by_id, board).asked
+    (asked,) = run_board_probe(tmp_path, board).asked
     return asked
 
 
@@ -60,14 +32,16 @@ def ask(by_id: Path, board: SimulatedBoard) -> AskedPort:
         (BoardFault.NONE, (1, 2), Answer.OLD),
     ],
 )
-def test_state_of_a_board_is_what_it_answers(by_id: Path, fault: BoardFault, version: tuple[int, int], answer: Answer) -> None:
+def test_state_of_a_board_is_what_it_answers(
+    tmp_path: Path, fault: BoardFault, version: tuple[int, int], answer: Answer
+) -> None:
     with SimulatedBoard(Firmware(version, fault), LATE_S) as board:
-        asked = ask(by_id, board)
+        asked = ask(tmp_path, board)
     assert asked.examination is not None and asked.examination.answer is answer
     assert not set(board.firmware.requests) & MOVING and not board.firmware.stuck
 
 
-def test_reports_of_a_configured_board_are_no_answers(by_id: Path) -> None:
+def test_reports_of_a_configured_board_are_no_answers(tmp_path: Path) -> None:
     firmware = Firmware(fault=BoardFault.NONE)
     firmware.receive(encode(ENCODER_NEW, bytes((2, 18, 19))))
     with SimulatedBoard(firmware) as board:
@@ -75,24 +49,17 @@ def test_reports_of_a_configured_board_are_no_answers(by_id: Path) -> None:
         firmware.fault = BoardFault.SILENT
         board.send(encode(ENCODER, b"\x12\x01") * 3)
         os.close(port)
-        asked = ask(by_id, board)
+        asked = ask(tmp_path, board)
     assert asked.examination is not None and asked.examination.answer is Answer.SILENT
 
 
 @pytest.mark.parametrize("fault", [BoardFault.NONE, BoardFault.SILENT])
-def test_nothing_is_sent_to_a_port_of_another_process(by_id: Path, fault: BoardFault) -> None:
-    with (
-        SimulatedBoard(Firmware(fault=fault)) as board,
-        subprocess.Popen(
-            [sys.executable, "-c", HOLD, board.port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        ) as holder,
-    ):
-        assert holder.stdin is not None and holder.stdout is not None and holder.stdout.readline() == "open\n"
-        asked = ask(by_id, board)
-        holder.stdin.close()
-    assert [line.split()[0] for line in asked.holders] == [str(holder.pid)]
+def test_nothing_is_sent_to_a_port_of_another_process(tmp_path: Path, fault: BoardFault) -> None:
+    with SimulatedBoard(Firmware(fault=fault)) as board, held_port(board.port) as pid:
+        asked = ask(tmp_path, board)
+    assert [line.split()[0] for line in asked.holders] == [str(pid)]
     assert asked.examination is None and board.firmware.requests == []
-    assert str(holder.pid) in asked.lines()[0]
+    assert str(pid) in asked.lines()[0]
 
 
 @pytest.mark.parametrize(
@@ -104,11 +71,11 @@ def test_nothing_is_sent_to_a_port_of_another_process(by_id: Path, fault: BoardF
         ("grep", "/proc/802/cmdline", "process 802 runs"),
     ],
 )
-def test_board_of_a_running_stack_is_not_asked(by_id: Path, tmp_path: Path, program: str, printed: str, reason: str) -> None:
+def test_board_of_a_running_stack_is_not_asked(tmp_path: Path, program: str, printed: str, reason: str) -> None:
     (tmp_path / program).write_text(f"#!/bin/sh\necho {printed}\n")
     (tmp_path / program).chmod(0o755)
     with SimulatedBoard(Firmware()) as board:
-        found = run_probe(by_id, board, str(tmp_path))
+        found = run_board_probe(tmp_path, board, str(tmp_path))
     assert (found.not_asked, found.asked, board.firmware.requests) == (reason, (), [])
 
 
