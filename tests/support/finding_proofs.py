@@ -198,7 +198,8 @@ PROOFS = {
     "estop-forged": Proof(_REAL_NODES),
     "page-holds-bus": Proof(_GRAPH_FAULTS),
     "pad-holds-bus": Proof(_ZEROS),
-    "board-wedged": Proof(_SILENT, "the USB devices and the kernel's messages are judged from captured output"),
+    "board-wedged": Proof(_SILENT, "the USB devices and the kernel's messages are judged from captured output; "
+        "a port without answers is simulated in `test_board_checks.py`"),
     "serial-port-closed": Proof(f"{_GRAPH_CAPTURES}::test_serial_port_that_the_user_may_not_open_is_named",
         "the simulated computer has no serial port"),
     "battery-unreadable": Proof(_REAL_NODES),

@@ -1,0 +1,76 @@
+"""Findings about the motor board: a simulated board is broken, asked by the probe, and examined with all checks."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lupin_cli.checks.base import Finding
+from lupin_cli.checks.table import built_in
+from lupin_cli.doctor.engine import diagnose
+from lupin_cli.facts.devices import Devices, TelemetrixProcess
+from lupin_cli.facts.graph import Graph, Graphs
+from lupin_sim.motor_board import BoardFault, Firmware, SimulatedBoard
+from tests.support.board_probe import LATE_S, run_board_probe
+from tests.support.findings import assert_findings_match_rows
+from tests.support.snapshots import HEALTHY_LAPTOP, HEALTHY_ROBOT, captured, snapshot_of
+
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root sees the open files of all processes")
+DRIVER = TelemetrixProcess(802, "S", "mirte_telemetrix_cpp_node --ros-args")
+
+
+def root_findings(robot: Mapping[str, Any], laptop: Mapping[str, Any] | None = None) -> list[Finding]:
+    diagnosis = diagnose(built_in(), snapshot_of({**HEALTHY_LAPTOP, **(laptop or {})}, {**HEALTHY_ROBOT, **robot}))
+    assert_findings_match_rows(diagnosis)
+    return [root.finding for root in diagnosis.roots]
+
+
+def robot_graph() -> Graph:
+    seen: Graph = captured("graph", "simulator").graphs[0]
+    return dataclasses.replace(seen, name="robot", kind="robot")
+
+
+def examine_board(folder: Path, fault: BoardFault, version: tuple[int, int] = (1, 3)) -> list[Finding]:
+    with SimulatedBoard(Firmware(version, fault), LATE_S) as board:
+        return root_findings({"motor-board": run_board_probe(folder, board)})
+
+
+@needs_root
+@pytest.mark.parametrize(
+    ("fault", "cause"), [(BoardFault.SILENT, "the board answers nothing"), (BoardFault.LATE, "the board answers after 2.2 s")]
+)
+def test_board_without_timely_answers_is_wedged(tmp_path: Path, fault: BoardFault, cause: str) -> None:
+    (finding,) = examine_board(tmp_path, fault)
+    assert finding.id == "board-wedged" and cause in finding.cause
+
+
+@needs_root
+def test_healthy_board_has_no_finding(tmp_path: Path) -> None:
+    assert examine_board(tmp_path, BoardFault.NONE) == []
+
+
+def test_board_that_left_the_bus_is_wedged_not_absent() -> None:
+    devices = Devices((), (), ("/dev/ttyUSB0 root:dialout 660",), (), (), (DRIVER,))
+    (finding,) = root_findings({"devices": devices, "journal": "board-gone", "motor-board": "absent"})
+    assert finding.id == "board-wedged" and "left the USB bus" in finding.cause
+
+
+def test_wedged_board_is_no_consequence_of_a_stopped_stack() -> None:
+    found = root_findings({"units": "stopped-and-stale", "motor-board": "silent"})
+    assert {"board-wedged", "vendor-service-down"} <= {finding.id for finding in found}
+
+
+def test_driver_that_gives_up_the_board_shows_it_is_wedged() -> None:
+    graph = robot_graph()
+    of_board = {topic.name for topic in graph.topics if topic.name.startswith("/io/")}
+    topics = tuple(dataclasses.replace(t, publishers=()) if t.name in of_board else t for t in graph.topics)
+    seen = dataclasses.replace(graph, topics=topics, samples=tuple(s for s in graph.samples if s[0] not in of_board))
+    robot = {"motor-board": "stack-runs", "journal": "board-given-up"}
+    lost = {finding.id: finding for finding in root_findings(robot, {"graph": Graphs((seen,))})}
+    assert "gets no answer" in lost["board-wedged"].cause and "part-missing" not in lost
+    assert "board-wedged" not in {finding.id for finding in root_findings(robot, {"graph": Graphs((graph,))})}
