@@ -31,13 +31,18 @@ def held_port(path: str) -> Iterator[int]:
             holder.stdin.close()
 
 
-def run_board_probe(folder: Path, board: SimulatedBoard, path: str = "") -> MotorBoard:
-    """Run the probe for the port of a board, which udev has named. Programs in the folder `path` replace others."""
+def name_port(folder: Path, board: SimulatedBoard) -> str:
+    """Name the port of a board as udev does, below `folder`. Return the probe that finds it there."""
     by_id = folder / "by-id"
     by_id.mkdir()
     (by_id / "usb-Raspberry_Pi_Pico_E66164084385-if00").symlink_to(board.port)
+    return probe_script(str(by_id))
+
+
+def run_board_probe(folder: Path, board: SimulatedBoard, path: str = "") -> MotorBoard:
+    """Run the probe for the port of a board, which udev has named. Programs in the folder `path` replace others."""
     environment = {**os.environ, "PATH": f"{path}:{os.environ['PATH']}"}
-    command = [SHELL, "-c", probe_script(str(by_id))]
+    command = [SHELL, "-c", name_port(folder, board)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60, env=environment)
     assert done.stderr == ""
     found = parse(Output(done.returncode, done.stdout))
