@@ -114,6 +114,7 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
         ),
         instruction="unplug the board's USB cable and plug it in again, then type the command",
         command=restart_unit(snapshot),
+        playbook="" if left_bus else None,
         explains=BOARD_SIGNS,
     )
 
