@@ -65,7 +65,7 @@ def find_wrong_firmware(snapshot: Snapshot) -> Iterator[Finding]:
     if board is None:
         return
     cause, evidence = "", [each.line() for each in board.usb]
-    products = {each.product for each in board.usb}
+    products = {each.product for each in board.usb} if _has_driver(snapshot) else set()
     if products == {BOOT_LOADER}:
         cause = "the board waits in its boot loader, without a firmware"
     elif products == {MICROPYTHON}:
@@ -95,8 +95,9 @@ def find_wrong_firmware(snapshot: Snapshot) -> Iterator[Finding]:
 def find_unpowered_board(snapshot: Snapshot) -> Iterator[Finding]:
     """The board's USB port is switched off, or the board has power and its motors have none."""
     board = snapshot.robot_fact(MOTOR_BOARD)
-    denied = [each for each in board.usb if not each.authorized] if board is not None else []
-    off = board.hub_ports if board is not None and not board.usb and not board.serial_ports else ()
+    denied = [each for each in board.usb if not each.authorized] if board is not None and _has_driver(snapshot) else []
+    is_missing = board is not None and not board.usb and not board.serial_ports and _has_driver(snapshot)
+    off = board.hub_ports if board is not None and is_missing else ()
     disabled = [line.split()[0] for line in off if line.endswith(" disabled")]
     if denied:
         yield _unpowered(
@@ -145,27 +146,39 @@ def _unpowered(cause: str, evidence: Sequence[str], *, command: str = "", instru
 def find_absent_board(snapshot: Snapshot) -> Iterator[Finding]:
     """The vendor's driver looks for a board, and none is on the USB."""
     board, devices = snapshot.robot_fact(MOTOR_BOARD), snapshot.robot_fact(DEVICES)
-    journal = snapshot.robot_fact(SYSTEM_JOURNAL)
     if board is None or devices is None or board.usb or board.serial_ports or has_board_port(devices):
         return
-    # A simulated robot has no board, and its driver is never mentioned.
-    searches = [line.line for line in (journal.units if journal else ()) if _DRIVER in line.raw.lower()]
-    if not (devices.telemetrix or searches) or has_left_bus(snapshot):
+    if not _has_driver(snapshot) or has_left_bus(snapshot):
         return
     yield make_finding(
         "board-absent",
         where="robot",
         cause="no motor board is on the robot's USB: it is not plugged in, has no power, or is broken",
-        evidence=(f"no device {USB_VENDOR}:* among {len(devices.usb)} on the USB, no serial port", *searches[-3:]),
+        evidence=(
+            f"no device {USB_VENDOR}:* among {len(devices.usb)} on the USB, no serial port",
+            *_driver_lines(snapshot)[-3:],
+        ),
         command=command_on_robot(snapshot, f"lsusb -d {USB_VENDOR}:"),
         instruction="check the USB cable between computer and board at both ends; the command lists the board once it is there",
         explains={"board-wedged", *BOARD_SIGNS},
     )
 
 
+def _driver_lines(snapshot: Snapshot) -> list[str]:
+    """Return the lines of the system journal that name the vendor's driver of the board."""
+    journal = snapshot.robot_fact(SYSTEM_JOURNAL)
+    return [line.line for line in (journal.units if journal else ()) if _DRIVER in line.raw.lower()]
+
+
+def _has_driver(snapshot: Snapshot) -> bool:
+    """Return whether the robot uses a board. A simulated one does not, and sees the USB of the computer on which it runs."""
+    devices = snapshot.robot_fact(DEVICES)
+    return bool((devices and devices.telemetrix) or _driver_lines(snapshot))
+
+
 CHECKS = (
     Check("board.holder", find_held_port, robot=(MOTOR_BOARD, DEVICES)),
-    Check("board.firmware", find_wrong_firmware, robot=(MOTOR_BOARD,)),
-    Check("board.power", find_unpowered_board, laptop=(GRAPH,), robot=(MOTOR_BOARD,)),
+    Check("board.firmware", find_wrong_firmware, robot=(MOTOR_BOARD, DEVICES, SYSTEM_JOURNAL)),
+    Check("board.power", find_unpowered_board, laptop=(GRAPH,), robot=(MOTOR_BOARD, DEVICES, SYSTEM_JOURNAL)),
     Check("board.presence", find_absent_board, robot=(MOTOR_BOARD, DEVICES, SYSTEM_JOURNAL)),
 )

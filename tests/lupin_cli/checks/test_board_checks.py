@@ -108,6 +108,11 @@ def test_board_is_absent_only_if_its_driver_looks_for_it(devices: Devices, ids: 
     assert [finding.id for finding in root_findings({"devices": devices, "motor-board": "absent"})] == ids
 
 
+@pytest.mark.parametrize("state", ["boot-loader", "not-authorized", "over-current"])
+def test_usb_of_a_robot_without_a_driver_is_not_judged(state: str) -> None:
+    assert root_findings({"motor-board": state}) == []
+
+
 def test_board_that_left_the_bus_is_wedged_not_absent() -> None:
     devices = Devices((), (), ("/dev/ttyUSB0 root:dialout 660",), (), (), (DRIVER,))
     (finding,) = root_findings({"devices": devices, "journal": "board-gone", "motor-board": "absent"})
