@@ -40,8 +40,8 @@ REPORT_LENGTHS: dict[int, tuple[int, ...] | None] = {
     99: (4,),  # debug
 }
 MAX_FRAME = 63  # bytes after the length; the firmware's longest report buffer has 64
-# The first firmware that can answer which features it has. An older one jumps to a random address when it is asked, and the
-# vendor's driver asks at every start.
+# The vendor's driver of MIRTE OS 0.2 asks at every start which features the firmware has. Older firmware has no such request,
+# and jumps to a random address. So may the first builds of 1.3, which the version does not tell: a probe must not ask this.
 OLDEST_FIRMWARE = (1, 3)
 ANSWER_LIMIT_S = 2.0  # so long the vendor's driver waits for the firmware's version before it gives up the port
 MAX_SKIPPED = 0.1  # share of bytes outside of reports, above which they are not those of Telemetrix

@@ -78,7 +78,7 @@ def find_wrong_firmware(snapshot: Snapshot) -> Iterator[Finding]:
         cause = "the board does not answer as the vendor's firmware does: another program runs on it, or its cable is damaged"
         if examination.answer is Answer.OLD:
             needed = ".".join(map(str, OLDEST_FIRMWARE))
-            cause = f"the board runs the firmware {examination.version}; the vendor's driver needs {needed}"
+            cause = f"the board runs the firmware {examination.version}; the vendor's driver of MIRTE OS 0.2 needs {needed}"
     if cause:
         restart = f"sudo systemctl stop {VENDOR}; {_LOAD_FIRMWARE}; sudo systemctl start {VENDOR}"
         yield make_finding(
@@ -154,10 +154,7 @@ def find_absent_board(snapshot: Snapshot) -> Iterator[Finding]:
         "board-absent",
         where="robot",
         cause="no motor board is on the robot's USB: it is not plugged in, has no power, or is broken",
-        evidence=(
-            f"no device {USB_VENDOR}:* among {len(devices.usb)} on the USB, no serial port",
-            *_driver_lines(snapshot)[-3:],
-        ),
+        evidence=(f"no {USB_VENDOR}:* among the {len(devices.usb)} USB devices", *_driver_lines(snapshot)[-3:]),
         command=command_on_robot(snapshot, f"lsusb -d {USB_VENDOR}:"),
         instruction="check the USB cable between computer and board at both ends; the command lists the board once it is there",
         explains={"board-wedged", *BOARD_SIGNS},

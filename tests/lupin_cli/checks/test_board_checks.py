@@ -56,7 +56,7 @@ def test_board_without_timely_answers_is_wedged(tmp_path: Path, fault: BoardFaul
     [
         (BoardFault.FOREIGN, (1, 3), "another program runs on it"),
         (BoardFault.GARBAGE, (1, 3), "its cable is damaged"),
-        (BoardFault.NONE, (1, 2), "the firmware 1.2; the vendor's driver needs 1.3"),
+        (BoardFault.NONE, (1, 2), "the firmware 1.2; the vendor's driver of MIRTE OS 0.2 needs 1.3"),
     ],
 )
 def test_board_with_another_program_is_named(tmp_path: Path, fault: BoardFault, version: tuple[int, int], cause: str) -> None:
