@@ -107,7 +107,8 @@ def find_missing_parts(snapshot: Snapshot) -> Iterator[Finding]:
             command=command_on_robot(snapshot, f"sudo {look} -n 50"),
             about=part,
             layer="devices" if without_port else "",
-            explains=signs_of_loss((part,)) | (_NEED_CONTROLLERS if part == BASE_PART else frozenset()),
+            # A board that does not answer is why its driver exits, not the other way round.
+            explains=(signs_of_loss((part,)) - {"board-wedged"}) | (_NEED_CONTROLLERS if part == BASE_PART else frozenset()),
             breaks=(part,),
         )
 

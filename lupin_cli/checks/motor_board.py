@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from lupin_cli.checks import ground_truth
 from lupin_cli.checks.base import Check, Finding, Snapshot
 from lupin_cli.checks.controllers import observed_graphs
 from lupin_cli.checks.drive import SILENT_BUTTON
 from lupin_cli.checks.findings import make_finding
+from lupin_cli.checks.layers import BOARD_PART
 from lupin_cli.checks.remote_command import command_on_robot, restart_unit
 from lupin_cli.checks.topic_delivery import BOARD_TOPICS, is_board_silent
 from lupin_cli.facts.account import ACCOUNT, Account
-from lupin_cli.facts.devices import DEVICES
+from lupin_cli.facts.devices import DEVICES, Devices
 from lupin_cli.facts.graph import GRAPH
+from lupin_cli.facts.motor_board import MOTOR_BOARD, AskedPort
 from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
 from lupin_cli.facts.units import UNIT_STATES, VENDOR
+from lupin_runtime.board_protocol import ANSWER_LIMIT_S, Answer
 from lupin_runtime.graph import BATTERY
 from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, normalize
 
@@ -23,6 +27,12 @@ SERIAL_TROUBLE = ("usb disconnect", "device descriptor read", "not accepting add
 SERIAL_DEVICES, SERIAL_ERRORS = ("ttyacm", "ttyusb", "cdc_acm"), ("error", "fail", "timed out", "timeout", "disconnect", "lost")
 TELEMETRIX_TROUBLE = ("serialexception", "serial", "telemetrix", "timed out")
 JOURNAL_LINES = 5
+# What a board without data causes; it publishes the button's state, too.
+BOARD_SIGNS = frozenset(
+    {"battery-unreadable", f"estop-engaged:{SILENT_BUTTON}", *(f"topic-silent:{name}" for name in BOARD_TOPICS)}
+)
+# What the vendor's driver prints before it exits because the board does not answer; it is started again after 5 s.
+GIVEN_UP = ("missed pings", "no ports available", "get_feature probably stuck")
 
 
 def is_serial_trouble(text: str) -> bool:
@@ -32,19 +42,41 @@ def is_serial_trouble(text: str) -> bool:
     return named or any(word in lowered for word in SERIAL_TROUBLE)
 
 
-def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
-    """telemetrix runs, but its board does not answer: commands have no effect, wheels spin freely."""
+def has_board_port(devices: Devices) -> bool:
+    """Return whether there is a serial port of the kind that the board has; the lidar's is /dev/ttyUSB*."""
+    return any(line.startswith("/dev/ttyACM") for line in devices.serials)
+
+
+def _kernel_trouble(snapshot: Snapshot) -> list[str]:
+    journal = snapshot.robot_fact(SYSTEM_JOURNAL)
+    return [line.line for line in (journal.kernel if journal else ()) if is_serial_trouble(line.text)]
+
+
+def has_left_bus(snapshot: Snapshot) -> bool:
+    """Return whether the driver runs, and the board has left the USB bus since it started."""
     devices = snapshot.robot_fact(DEVICES)
+    disconnected = any("disconnect" in line.lower() for line in _kernel_trouble(snapshot))
+    return devices is not None and bool(devices.telemetrix) and not has_board_port(devices) and disconnected
+
+
+def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
+    """The board does not answer: commands have no effect, wheels spin freely."""
+    devices, board = snapshot.robot_fact(DEVICES), snapshot.robot_fact(MOTOR_BOARD)
     journal = snapshot.robot_fact(SYSTEM_JOURNAL)
     units = snapshot.robot_fact(UNIT_STATES)
     vendor = units.get(VENDOR) if units else None
-    silent_graphs = [graph for graph in observed_graphs(snapshot) if graph.kind == "robot" and is_board_silent(graph)]
+    stack_runs = vendor is None or vendor.running  # a stopped stack publishes nothing, whatever its board does
+    silent_graphs = [
+        graph for graph in observed_graphs(snapshot) if graph.kind == "robot" and stack_runs and is_board_silent(graph)
+    ]
     processes = devices.telemetrix if devices else ()
-    kernel = [line.line for line in (journal.kernel if journal else ()) if is_serial_trouble(line.text)]
+    kernel = _kernel_trouble(snapshot)
     # Every process that writes to a device is in state D for an instant; it counts only with a second sign.
     blocked_processes = [process for process in processes if process.state == "D" and (silent_graphs or kernel)]
-    left_bus = bool(processes and devices and not devices.serials and any("disconnect" in line.lower() for line in kernel))
-    if not (silent_graphs or blocked_processes or left_bus):
+    left_bus = has_left_bus(snapshot)
+    unanswered = [asked for asked in (board.asked if board else ()) if _no_answer(asked)]
+    given_up = _given_up(snapshot)
+    if not (silent_graphs or blocked_processes or left_bus or unanswered or given_up):
         return
     errors = [
         line.line
@@ -55,6 +87,10 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
         cause = "the board left the USB bus, and telemetrix continues without it"
     elif blocked_processes:
         cause = "telemetrix hangs in the kernel, waiting for the board's serial port"
+    elif unanswered:
+        cause = _no_answer(unanswered[0])
+    elif given_up:
+        cause = "telemetrix gets no answer from the board, exits, and is started again"
     else:
         cause = "telemetrix runs, but its board sends nothing"
     yield make_finding(
@@ -62,6 +98,7 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
         where="robot",
         cause=cause,
         evidence=(
+            *(line for asked in unanswered for line in asked.lines()),
             *(
                 f"{name}: {graph.sample_count(name)} samples"
                 for graph in silent_graphs
@@ -72,13 +109,32 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
             *((devices.serials or ("no /dev/ttyACM* and no /dev/ttyUSB*",)) if devices else ()),
             *kernel[-JOURNAL_LINES:],
             *errors[-JOURNAL_LINES:],
+            *given_up[-JOURNAL_LINES:],
             *((vendor.line(),) if vendor else ()),
         ),
         instruction="unplug the board's USB cable and plug it in again, then type the command",
         command=restart_unit(snapshot),
-        # The board publishes the button's state, too.
-        explains={"battery-unreadable", f"estop-engaged:{SILENT_BUTTON}", *(f"topic-silent:{name}" for name in BOARD_TOPICS)},
+        playbook="" if left_bus else None,
+        explains=BOARD_SIGNS,
     )
+
+
+def _given_up(snapshot: Snapshot) -> list[str]:
+    """Return the last words of drivers that have given up a board which is on the USB, while its data is missing."""
+    board, journal = snapshot.robot_fact(MOTOR_BOARD), snapshot.robot_fact(SYSTEM_JOURNAL)
+    if board is None or journal is None or not board.serial_ports or BOARD_PART not in ground_truth.measure(snapshot).losses:
+        return []
+    return [line.line for line in journal.units if any(words in line.text.lower() for words in GIVEN_UP)]
+
+
+def _no_answer(asked: AskedPort) -> str:
+    """Return how a board that was asked fails to answer; empty if it answers, or was not asked."""
+    found = asked.examination
+    if found is None or found.answer not in (Answer.SILENT, Answer.LATE):
+        return ""
+    if found.answer is Answer.LATE and found.answered_s is not None:
+        return f"the board answers after {found.answered_s:.1f} s, and the vendor's driver waits for {ANSWER_LIMIT_S:g} s"
+    return f"the board's port opens, and the board answers nothing{f': {asked.failed}' if asked.failed else ''}"
 
 
 def find_closed_serial_ports(snapshot: Snapshot) -> Iterator[Finding]:
@@ -151,7 +207,7 @@ CHECKS = (
         "board.motor",
         find_wedged_board,
         laptop=(GRAPH,),
-        robot=(DEVICES, SYSTEM_JOURNAL, UNIT_STATES),
+        robot=(DEVICES, MOTOR_BOARD, SYSTEM_JOURNAL, UNIT_STATES),
         followup_laptop=(GRAPH,),
         followup_robot=(DEVICES,),  # a process is in state D for an instant whenever it writes
     ),

@@ -17,7 +17,7 @@ SEARCHED_LINES = 4000
 # `exit code -11` is how a launch reports a spawner that was killed by a step of the clock.
 WORDS = (
     "error|fatal|exception|traceback|wasn.t able|not found|exit code|exited|failed|no such|timed out|"
-    "died|killed|too quickly|disconnect|could ?n.t|refused|denied"
+    "died|killed|too quickly|disconnect|could ?n.t|refused|denied|missed pings|no ports available|probably stuck"
 )
 KERNEL_WORDS = (
     "out of memory|oom-kill|usb .*(disconnect|error|reset|not accepting|unable to enumerate)|cdc_acm|ttyACM|ttyUSB|"

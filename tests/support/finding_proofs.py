@@ -13,6 +13,7 @@ _PACKETS = "tests/lupin_cli/link/test_path.py"
 _CAMERAS = "tests/lupin_cli/systemd/test_cameras_on_host.py"
 _GRAPH = "tests/lupin_cli/checks/test_graph_checks_on_host.py"
 _PROBE = "tests/lupin_runtime/stack/test_graph_probe.py"
+_BOARD = "tests/lupin_cli/checks/test_board_checks.py"  # with a simulated board on a pseudo-terminal
 # Tests that judge output captured from a machine.
 _SERVER_CAPTURES = "tests/lupin_cli/checks/test_discovery_checks.py"
 _ENVIRONMENT_CAPTURES = "tests/lupin_cli/checks/test_environment_checks.py"
@@ -70,6 +71,7 @@ _REAL_NODES = f"{_PROBE}::test_faults_of_real_nodes_give_exactly_their_findings"
 _CAMERA_FAULTS = f"{_CAMERAS}::test_each_fault_of_a_camera_is_named_alone"
 _LATE_JOINER = f"{_PROBE}::test_separate_shared_memory_is_found_and_udp_fixes_it"
 _HOST_MEMORY = "the simulated computer uses the memory of this machine and has no limit of its own"
+_NO_USB = "the simulated computer has no USB"
 _NO_SENSORS = "the simulated computer has no temperature or voltage sensors"
 
 # fmt: off
@@ -198,7 +200,12 @@ PROOFS = {
     "estop-forged": Proof(_REAL_NODES),
     "page-holds-bus": Proof(_GRAPH_FAULTS),
     "pad-holds-bus": Proof(_ZEROS),
-    "board-wedged": Proof(_SILENT, "the USB devices and the kernel's messages are judged from captured output"),
+    "board-held": Proof(f"{_BOARD}::test_process_that_holds_the_port_is_named"),
+    "board-firmware-wrong": Proof(f"{_BOARD}::test_board_with_another_program_is_named"),
+    "board-unpowered": Proof(_CAPTURED_CASE, _NO_USB),
+    "board-absent": Proof(_CAPTURED_CASE, _NO_USB),
+    "board-wedged": Proof(_SILENT, "the USB devices and the kernel's messages are judged from captured output; "
+        "a port without answers is simulated in `test_board_checks.py`"),
     "serial-port-closed": Proof(f"{_GRAPH_CAPTURES}::test_serial_port_that_the_user_may_not_open_is_named",
         "the simulated computer has no serial port"),
     "battery-unreadable": Proof(_REAL_NODES),

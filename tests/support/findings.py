@@ -20,7 +20,7 @@ PROGRAMS = frozenset(
     {
         "apt", "chmod", "chown", "chronyc", "command", "du", "echo", "env", "export", "firewall-cmd", "getent", "grep",
         "head", "ip", "iptables", "iptables-legacy", "iptables-legacy-save", "iptables-save", "journalctl", "kill",
-        "ls", "lsusb", "lupin", "mkdir", "mount", "nft", "nmcli", "ping", "printf", "ps", "sed", "sleep",
+        "ls", "lsusb", "lupin", "mkdir", "mount", "nft", "nmcli", "picotool", "ping", "printf", "ps", "sed", "sleep",
         "sort", "source", "ss", "ssh", "ssh-keygen", "sudo", "sysctl", "systemctl", "systemd-analyze", "tail", "tc",
         "tee", "timedatectl", "true", "ufw", "unset", "usermod",
     }

@@ -20,7 +20,7 @@ from tests.support.paths import ROOT
 FOLDER = Path(lupin_cli.checks.__file__).parent
 PARTS = {"path": ("path_ends", "path_losses")}
 # One of these is in the file of every test that causes its fault instead of judging captured output.
-CAUSING_MARKS = ("pytest.mark.host", "pytest.mark.graph", "def sourced(")
+CAUSING_MARKS = ("pytest.mark.host", "pytest.mark.graph", "def sourced(", "SimulatedBoard(")
 
 
 def sources(module: str) -> list[Path]:

@@ -112,6 +112,15 @@ def test_wifi_of_any_name_is_found(ssid: str, state: str, tmp_path: Path, monkey
     assert (planned.state, planned.steps[-1].state) == ("done", state), planned.message
 
 
+def test_stack_is_started_whatever_happens_to_the_board() -> None:
+    steps = load("recover-board").steps
+    names = [step.operation.name for step in steps]
+    restart = names.index("motor-board")
+    stop, start = steps[restart - 1], steps[restart + 1]
+    assert (stop.name, start.name) == ("Stop the vendor's stack", "Start the vendor's stack")
+    assert stop.confirm is not None and all(step.always for step in steps[restart + 1 : -1])
+
+
 def test_stopped_process_continues_by_its_number() -> None:
     assert "kill -CONT 4711\n" in f"{script_run('resume-process', pid=4711)}\n"
 
