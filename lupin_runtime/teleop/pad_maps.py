@@ -35,7 +35,7 @@ SIGNED_16, UNSIGNED_16, UNSIGNED_8 = (-32768, 32767), (0, 65535), (0, 255)
 # Around the center of a stick, as a share of its way. A link by radio has the wider one.
 DEAD_ZONES = {USB: 0.10, BLUETOOTH: 0.15}
 
-_LONG_BITS = 8 * struct.calcsize("l")
+LONG_BITS = 8 * struct.calcsize("l")
 
 
 @dataclass(frozen=True)
@@ -147,6 +147,4 @@ def parse_bits(text: str) -> frozenset[int]:
     Raises ValueError for other text.
     """
     words = [int(word, 16) for word in reversed(text.split())]
-    return frozenset(
-        index * _LONG_BITS + bit for index, word in enumerate(words) for bit in range(_LONG_BITS) if word >> bit & 1
-    )
+    return frozenset(index * LONG_BITS + bit for index, word in enumerate(words) for bit in range(LONG_BITS) if word >> bit & 1)
