@@ -23,6 +23,8 @@ from lupin_runtime.teleop.events import (
     BTN_TR,
     BTN_WEST,
     BTN_Z,
+    EV_ABS,
+    EV_KEY,
 )
 
 USB, BLUETOOTH = 0x0003, 0x0005  # bus types of linux/input.h
@@ -75,6 +77,12 @@ class PadMap:
     def axes(self) -> tuple[int, int, int]:
         """The codes of the axes that drive: lateral, forward, yaw."""
         return self.lateral_axis, self.forward_axis, self.yaw_axis
+
+    def control(self, kind: int, code: int) -> str:
+        """Return the name of a key or an axis, as an event has it; empty if it has no effect."""
+        buttons = {self.dead_man: "dead-man button", self.turbo: "turbo button"}
+        sticks = dict(zip(self.axes, ("sideways", "forward", "turn")))
+        return {EV_KEY: buttons, EV_ABS: sticks}.get(kind, {}).get(code, "")
 
     def fits(self, found: PadId) -> bool:
         """Return whether this is the row of a device. Other devices of a pad, such as its motion sensors, lack the buttons."""
