@@ -13,7 +13,7 @@ from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, encode
 from lupin_runtime.ros import LupinNode, stamp_from_ns
 from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
-from lupin_runtime.teleop.pad_driver import PERIOD_S, PadDriver
+from lupin_runtime.teleop.pad_driver import MIN_PERIOD_S, PERIOD_S, PadDriver
 from lupin_runtime.teleop.pad_state import DeadMan, PadState
 from lupin_runtime.teleop.readable_watch import ReadableWatch
 
@@ -43,6 +43,8 @@ class PadTeleop(LupinNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._tick: Timer = self.create_timer(PERIOD_S, self._on_tick, clock=steady)
         self._tick.cancel()  # it runs while a pad is connected
+        self._soon: Timer = self.create_timer(MIN_PERIOD_S, self._on_soon, clock=steady)
+        self._soon.cancel()  # it runs once after a change that came too soon after another
         self.create_timer(SCAN_PERIOD_S, self._scan, clock=steady)
         self._scan()
 
@@ -78,6 +80,10 @@ class PadTeleop(LupinNode):
         if not self._pads.pads:
             self._tick.cancel()
 
+    def _on_soon(self) -> None:
+        self._soon.cancel()
+        self._step()
+
     def _rearm(self) -> None:
         for pad in self._pads.pads.values():
             self._watch.watch(pad.device.file)
@@ -88,6 +94,8 @@ class PadTeleop(LupinNode):
         velocity = self._driver.step(self._pads.states, now_ns)
         if velocity is not None and not self._closed:
             self._velocity.publish(encode(velocity))
+        if self._driver.delayed and self._soon.is_canceled():
+            self._soon.reset()
 
     def _publish_joy(self) -> None:
         states = self._pads.states

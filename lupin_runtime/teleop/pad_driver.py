@@ -21,12 +21,14 @@ class PadDriver:
 
     def __init__(self) -> None:
         self.driving: str | None = None  # the pad that drives
+        self.delayed = False  # whether a change waits for MIN_PERIOD_S to pass
         self._refused: set[str] = set()  # pads that were held while another one drove: they must be released first
         self._sent = ZERO
         self._sent_ns: int | None = None
 
     def step(self, pads: Mapping[str, PadState], now_ns: int) -> Twist | None:
         """Return the velocity to publish now, or None. `pads` are the connected ones, by the names of their devices."""
+        self.delayed = False
         held = [key for key, state in pads.items() if state.dead_man is DeadMan.HELD]
         self._refused &= set(held)
         if self.driving is not None and self.driving not in held:
@@ -42,6 +44,7 @@ class PadDriver:
         pad = pads[self.driving]
         velocity = command_velocity(pad.sticks, turbo=pad.turbo, dead_zone=pad.dead_zone)
         if not self._is_due(velocity, now_ns):
+            self.delayed = velocity != self._sent
             return None
         self._sent, self._sent_ns = velocity, now_ns
         return velocity

@@ -12,7 +12,8 @@ from lupin_runtime.teleop.pad_maps import LONG_BITS, PadId
 
 def bitmap(numbers: Iterable[int]) -> str:
     """Return a bitmap as sysfs writes it."""
-    value, words = sum(1 << number for number in set(numbers)), []
+    value = sum(1 << number for number in set(numbers))
+    words: list[str] = []
     while value or not words:
         words.append(f"{value % (1 << LONG_BITS):x}")
         value >>= LONG_BITS

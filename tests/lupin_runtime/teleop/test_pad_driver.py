@@ -50,8 +50,10 @@ def test_change_is_published_at_once_but_not_each_of_a_flood() -> None:
     assert driver.step(pads, later_ns) == Twist(NORMAL.linear_mps, 0.0, 0.0)
     state.handle(axis(ABS_Y, 32767, later_ns), later_ns)
     assert driver.step(pads, later_ns + MS) is None
+    assert driver.delayed
     state.handle(axis(ABS_Y, 0, later_ns), later_ns)
     assert driver.step(pads, later_ns + 2 * MS) == ZERO
+    assert not driver.delayed
 
 
 def test_release_publishes_one_zero_and_then_nothing() -> None:

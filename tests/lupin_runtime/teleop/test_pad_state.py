@@ -17,13 +17,17 @@ NOW_NS = SETTLED_NS + 100 * MS
 LATE_NS = NOW_NS - int(STALE_S * 1e9) - MS
 
 
+def button(state: PadState) -> DeadMan:
+    return state.dead_man
+
+
 def test_press_counts_only_after_a_release_was_seen() -> None:
     state = new_state()
     state.handle(key(BTN_TL, 1, NOW_NS), NOW_NS)
-    assert state.dead_man is DeadMan.UNKNOWN
+    assert button(state) is DeadMan.UNKNOWN
     state.handle(key(BTN_TL, 0, NOW_NS), NOW_NS)
     state.handle(key(BTN_TL, 1, NOW_NS), NOW_NS)
-    assert state.dead_man is DeadMan.HELD
+    assert button(state) is DeadMan.HELD
 
 
 def test_press_just_after_the_connection_does_not_count() -> None:
@@ -65,12 +69,12 @@ LOSSES: dict[str, Callable[[PadState], None]] = {
 def test_dead_man_must_be_pressed_anew(loss: Callable[[PadState], None]) -> None:
     state = held_state(NOW_NS)
     loss(state)
-    assert state.dead_man is DeadMan.UNKNOWN
+    assert button(state) is DeadMan.UNKNOWN
     later_ns = NOW_NS + int(STALE_S * 1e9) + 2 * MS
     state.handle([report(later_ns), *key(BTN_TL, 1, later_ns)], later_ns)
-    assert state.dead_man is DeadMan.UNKNOWN
+    assert button(state) is DeadMan.UNKNOWN
     state.handle(key(BTN_TL, 0, later_ns) + key(BTN_TL, 1, later_ns), later_ns)
-    assert state.dead_man is DeadMan.HELD
+    assert button(state) is DeadMan.HELD
 
 
 def test_silent_pad_is_not_believed_for_ever() -> None:
