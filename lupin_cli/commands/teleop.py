@@ -2,21 +2,50 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import suppress
 from typing import Annotated
 
 import typer
 
 from lupin_cli.command_group import command_group
-from lupin_cli.exit_codes import FAILURE
+from lupin_cli.exit_codes import FAILURE, UNREACHABLE, USAGE_ERROR
+from lupin_cli.run.run_option import LIVE_RUN
 from lupin_cli.terminal import echo
 
-app = command_group("Test the gamepads of this computer.", "lupin teleop test", no_args_is_help=True)
+app = command_group(
+    """Drive the robot of the live run by the keys of this terminal, and by gamepads if the run does not read them itself.
+
+    Keys: w s a d drive, q e turn, capital letters are faster, space stops, x ends. A key counts as held for 0.3 s after its
+    last repetition. The gamepad of the run, and everything else of a higher priority, overrides the keys.
+
+    Exit status: 0 ended, 2 this is no terminal, 3 no run is up.
+    """,
+    "lupin teleop",
+    invoke_without_command=True,
+)
 
 
 @app.callback()
-def root() -> None:
-    """Keep `test` a subcommand: Typer would make the only command the group itself."""
+def drive(context: typer.Context, run: LIVE_RUN = None) -> None:
+    """Drive until x is pressed."""
+    if context.invoked_subcommand is not None:
+        return
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        echo("lupin teleop: needs a terminal for its keys and its view", err=True)
+        raise typer.Exit(USAGE_ERROR)
+    from lupin_cli.run.ros_client import join_run
+    from lupin_runtime.stack.runs import RunError, find_live_run
+
+    try:
+        stages = find_live_run(run).state().get("stages", [])
+    except RunError as error:
+        echo(str(error), err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    with join_run(run) as session:
+        from lupin_cli.run import teleop_session
+
+        teleop_session.drive(session, reads_pads=all(stage["name"] != "joystick" for stage in stages))
 
 
 @app.command("test")

@@ -67,3 +67,9 @@ def test_held_gamepad_shows_its_velocity(fake_pads: FakePads) -> None:
         over.set()
         sender.join()
     assert "would send forward 0.20 m/s, left 0.00 m/s, turn left 0.00 rad/s" in done.output
+
+
+def test_driving_needs_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    done = CliRunner().invoke(app, [])
+    assert done.exit_code == 2 and "needs a terminal" in done.output
