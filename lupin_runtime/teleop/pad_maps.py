@@ -1,7 +1,7 @@
 """The table of pads: what identifies each one, and the event codes of its controls. Adding a pad is adding a row to MAPS.
 
-The same pad has other codes with another driver, so a row is also found by the axes that the driver declares. Every driver
-reports a stick that is pushed forward or to the left as a value below the center.
+The same pad has other codes with another driver, so a row is also found by the axes that the driver declares. Each of these
+drivers reports a stick that is pushed forward or to the left as a value below the center.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ class PadMap:
     """A pad with one driver: its identity, and the codes of its controls.
 
     `products` is empty if every product of the vendor will do. `version_bits` must all be set in the version. `declares` are
-    axes by which the driver is known. `axis_range` is that of the sticks where the device cannot be asked.
+    axes by which the driver is known. `axis_range` is that of the sticks where the device cannot be asked. `above_center` are
+    axes that report a stick that is pushed forward or to the left as a value above the center.
     """
 
     name: str
@@ -72,6 +73,7 @@ class PadMap:
     forward_axis: int = ABS_Y  # left stick
     yaw_axis: int = ABS_RX  # right stick
     axis_range: tuple[int, int] = SIGNED_16
+    above_center: tuple[int, ...] = ()
 
     @property
     def axes(self) -> tuple[int, int, int]:

@@ -68,8 +68,12 @@ class PadState:
     @property
     def sticks(self) -> Sticks:
         """Where the sticks are; an axis that is not known yet counts as centered."""
-        left, forward, turn = (normalize(self._axes.get(code), *self._ranges[code]) for code in self.row.axes)
-        return Sticks(-forward, -left, -turn)
+        left, forward, turn = (self._stick(code) for code in self.row.axes)
+        return Sticks(forward, left, turn)
+
+    def _stick(self, code: int) -> float:
+        place = normalize(self._axes.get(code), *self._ranges[code])
+        return place if code in self.row.above_center else 0.0 - place
 
     def handle(self, events: Sequence[Event], now_ns: int) -> None:
         """Handle what was read from the device at `now_ns`; call it at least every STALE_S, if there are no events, too."""
