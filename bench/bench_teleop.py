@@ -42,11 +42,11 @@ BUTTON_PERIOD_S = 0.1
 RAW_VALUES = range(-22_000, -27_000, -7)
 
 
-def run_pads(devices: str, sysfs: str) -> int:
+def run_pads(devices: str, sysfs: str, maps: str) -> int:
     """Run the node of the gamepads."""
     from lupin_runtime.teleop.node import PadTeleop
 
-    return run([lambda: PadTeleop({"devices": devices, "sysfs": sysfs})])
+    return run([lambda: PadTeleop({"devices": devices, "sysfs": sysfs, "maps": maps})])
 
 
 class PadRig:
@@ -70,7 +70,8 @@ class PadRig:
 
     def start_node(self) -> None:
         """Start the node of the gamepads."""
-        command = child_command(run_pads, devices=str(self.fake.devices), sysfs=str(self.fake.sysfs))
+        folders = {"devices": self.fake.devices, "sysfs": self.fake.sysfs, "maps": self.fake.maps}
+        command = child_command(run_pads, **{name: str(folder) for name, folder in folders.items()})
         self.node = subprocess.Popen(command, stdout=sys.stderr, start_new_session=True)
 
     def end_node(self) -> None:

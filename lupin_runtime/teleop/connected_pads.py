@@ -8,8 +8,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.teleop.device import Device, read_identity, read_name
 from lupin_runtime.teleop.events import Event
+from lupin_runtime.teleop.map_files import map_path, read_map
 from lupin_runtime.teleop.pad_maps import TRANSPORTS, PadMap, find_map
 from lupin_runtime.teleop.pad_state import DeadMan, PadState
 
@@ -19,6 +21,14 @@ SCAN_PERIOD_S = 1.0
 MAX_DEVICES = 64  # of the folder that are looked at
 
 _GROUP_ADVICE = "add yourself to the group input, and log in again: sudo usermod -aG input $USER"
+
+
+def input_devices(folder: Path) -> list[str]:
+    """Return the names of the input devices; empty without any, as there is no folder then."""
+    try:
+        return sorted(path.name for path in folder.iterdir() if re.fullmatch(r"event\d+", path.name))[:MAX_DEVICES]
+    except OSError:
+        return []
 
 
 @dataclass(frozen=True)
@@ -38,13 +48,17 @@ class ConnectedPads:
         devices: Path = DEVICES,
         sysfs: Path = SYSFS,
         *,
+        maps: Path | None = None,
         inform: Callable[[str], object],
         warn: Callable[[str], object],
         observe: Callable[[str, Event], object] = lambda *_: None,
     ) -> None:
-        """`inform` is told of pads that come and go, `warn` once of each that cannot be read; `observe` gets all events."""
+        """Use the calibrated pads of the folder `maps`, too.
+
+        `inform` is told of pads that come and go, `warn` once of each that cannot be read; `observe` gets all events.
+        """
         self.pads: dict[str, Pad] = {}
-        self._devices, self._sysfs = devices, sysfs
+        self._devices, self._sysfs, self._maps = devices, sysfs, maps
         self._inform, self._warn, self._observe = inform, warn, observe
         self._examined: dict[str, tuple[int, PadMap | None]] = {}  # by name: the file's number, and its row
         self._denied: set[str] = set()
@@ -56,10 +70,7 @@ class ConnectedPads:
 
     def scan(self, now_ns: int) -> None:
         """Open the pads that are new. Those that are gone are noticed by `read`."""
-        try:
-            names = sorted(path.name for path in self._devices.iterdir() if re.fullmatch(r"event\d+", path.name))[:MAX_DEVICES]
-        except OSError:
-            names = []  # without any input device there is no folder
+        names = input_devices(self._devices)
         for gone in self._examined.keys() - set(names):
             del self._examined[gone]
         self._denied &= set(names)
@@ -94,9 +105,24 @@ class ConnectedPads:
         known = self._examined.get(name)
         if known is not None and known[0] == number:
             return known[1]
-        row = find_map(read_identity(self._sysfs / name / "device"))
+        row = self._find_row(name)
         self._examined[name] = (number, row)
         return row
+
+    def _find_row(self, name: str) -> PadMap | None:
+        """Return the calibrated row of a device, or that of the table. With a broken file, a device is not used."""
+        found = read_identity(self._sysfs / name / "device")
+        if self._maps is None:
+            return find_map(found)
+        path = map_path(self._maps, found)
+        try:
+            return read_map(path, found) or find_map(found)
+        except MalformedFile as error:
+            problem = str(error)
+        except OSError as error:
+            problem = f"cannot read {path}: {error.strerror}"
+        self._warn(f"{name} is not used: {problem}; calibrate it with: lupin teleop calibrate")
+        return None
 
     def _open(self, name: str, row: PadMap, now_ns: int) -> None:
         folder = self._sysfs / name / "device"

@@ -13,6 +13,7 @@ from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, encode
 from lupin_runtime.ros import LupinNode, stamp_from_ns
 from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
+from lupin_runtime.teleop.map_files import map_folder
 from lupin_runtime.teleop.pad_driver import MIN_PERIOD_S, PERIOD_S, PadDriver
 from lupin_runtime.teleop.pad_state import DeadMan, PadState
 from lupin_runtime.teleop.readable_watch import ReadableWatch
@@ -24,14 +25,15 @@ _MAX_WAKES_PER_TICK = 25
 class PadTeleop(LupinNode):
     """The node of the gamepads. Everything but the waiting happens in its executor: if that hangs, nothing is published.
 
-    Parameters: `devices` and `sysfs`, the folders in which input devices are found.
+    Parameters: `devices` and `sysfs`, the folders in which input devices are found; `maps`, that of the calibrated pads.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("pad_teleop", parameters)
         log = self.get_logger()
         devices, sysfs = Path(self.parameter("devices", str(DEVICES))), Path(self.parameter("sysfs", str(SYSFS)))
-        self._pads = ConnectedPads(devices, sysfs, inform=log.info, warn=log.warning)
+        maps = Path(self.parameter("maps", str(map_folder())))
+        self._pads = ConnectedPads(devices, sysfs, maps=maps, inform=log.info, warn=log.warning)
         self._driver = PadDriver()
         self._wakes = 0
         self._closed = False

@@ -21,10 +21,10 @@ def bitmap(numbers: Iterable[int]) -> str:
 
 
 class FakePads:
-    """A folder of devices, which are pipes, and the folder of sysfs with their identities."""
+    """A folder of devices, which are pipes, and the folder of sysfs with their identities. `maps` is missing at first."""
 
     def __init__(self, folder: Path) -> None:
-        self.devices, self.sysfs = folder / "input", folder / "sysfs"
+        self.devices, self.sysfs, self.maps = folder / "input", folder / "sysfs", folder / "lupin" / "pads"
         self.devices.mkdir()
         self.sysfs.mkdir()
         self._writers: dict[str, int] = {}

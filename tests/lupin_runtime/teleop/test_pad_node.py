@@ -40,7 +40,8 @@ class Rig:
         probe.subscription(graph.CMD_VEL_JOY, lambda data: self.velocities.append(decode(data)), raw=True)
         probe.subscription(graph.JOY, self.joy.append)
         self.probe = host.add(probe)
-        self.node: PadTeleop = host.add(PadTeleop({"devices": str(fake.devices), "sysfs": str(fake.sysfs)}))
+        folders = {"devices": fake.devices, "sysfs": fake.sysfs, "maps": fake.maps}
+        self.node: PadTeleop = host.add(PadTeleop({name: str(folder) for name, folder in folders.items()}))
 
     def send(self, *events: Event) -> None:
         self.fake.send("event5", events)
