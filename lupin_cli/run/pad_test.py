@@ -8,8 +8,10 @@ import time
 
 from lupin_cli.terminal import echo
 from lupin_runtime.drive import Twist
-from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
+from lupin_runtime.teleop import connected_pads
+from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
 from lupin_runtime.teleop.events import EV_ABS, EV_KEY, Event
+from lupin_runtime.teleop.map_files import map_folder
 from lupin_runtime.teleop.pad_driver import PERIOD_S, PadDriver
 
 KINDS = {EV_KEY: "key", EV_ABS: "axis"}
@@ -27,7 +29,14 @@ class PadTest:
     def __init__(self, as_json: bool) -> None:
         self.found = False  # whether any pad was connected
         self._as_json = as_json
-        self._pads = ConnectedPads(DEVICES, SYSFS, inform=self._inform, warn=self._warn, observe=self._observe)
+        self._pads = ConnectedPads(
+            connected_pads.DEVICES,
+            connected_pads.SYSFS,
+            maps=map_folder(),
+            inform=self._inform,
+            warn=self._warn,
+            observe=self._observe,
+        )
         self._driver = PadDriver()
         self._changed: dict[tuple[str, int, int], int] = {}
         self._velocity: Twist | None = None

@@ -23,8 +23,10 @@ from lupin_cli.safe_console import SafeConsole
 from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, Twist, encode
 from lupin_runtime.json_text import parse_json
-from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
+from lupin_runtime.teleop import connected_pads
+from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
 from lupin_runtime.teleop.keyboard import KeyboardDriver, split_keys
+from lupin_runtime.teleop.map_files import map_folder
 from lupin_runtime.teleop.pad_driver import PadDriver
 
 ENDS = ("x", "\x1b", "\x03", "\x04")  # x, Esc, Ctrl-C, Ctrl-D
@@ -41,7 +43,11 @@ class TeleopSession:
     def __init__(self, node: Any, *, reads_pads: bool) -> None:
         """`node` is a LupinNode on the graph of the run."""
         self.keyboard, self.pad_driver = KeyboardDriver(), PadDriver()
-        self.pads = ConnectedPads(DEVICES, SYSFS, inform=self._keep, warn=self._keep) if reads_pads else None
+        self.pads = (
+            ConnectedPads(connected_pads.DEVICES, connected_pads.SYSFS, maps=map_folder(), inform=self._keep, warn=self._keep)
+            if reads_pads
+            else None
+        )
         self.pad_velocity: Twist | None = None
         self.told = "the run reads the gamepads" if self.pads is None else "no gamepad is connected"
         self.status: dict[str, Any] = {}

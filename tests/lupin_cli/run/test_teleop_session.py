@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from lupin_cli.run import teleop_session
 from lupin_cli.run.teleop_session import TeleopSession, drive
 from lupin_cli.safe_console import SafeConsole
 from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, Twist, decode
+from lupin_runtime.teleop import connected_pads
 from lupin_runtime.teleop.events import ABS_Y, BTN_TL
 from lupin_runtime.teleop.velocity import NORMAL, TURBO
 from tests.support import pad_ids
@@ -73,9 +73,10 @@ def rig(graph_host: GraphHost) -> Rig:
 @pytest.fixture
 def fake_pads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[FakePads]:
     """The input devices of this computer."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     made = FakePads(tmp_path)
-    monkeypatch.setattr(teleop_session, "DEVICES", made.devices)
-    monkeypatch.setattr(teleop_session, "SYSFS", made.sysfs)
+    monkeypatch.setattr(connected_pads, "DEVICES", made.devices)
+    monkeypatch.setattr(connected_pads, "SYSFS", made.sysfs)
     yield made
     made.close()
 
