@@ -9,6 +9,7 @@ import time
 from lupin_cli.terminal import echo
 from lupin_runtime.drive import Twist
 from lupin_runtime.teleop import connected_pads
+from lupin_runtime.teleop.battery import battery_text
 from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
 from lupin_runtime.teleop.events import EV_ABS, EV_KEY, Event
 from lupin_runtime.teleop.map_files import map_folder
@@ -48,13 +49,20 @@ class PadTest:
         try:
             while end is None or time.monotonic() < end:
                 if time.monotonic() >= scan_at:
-                    self._pads.scan(time.monotonic_ns())
+                    self._scan()
                     scan_at = time.monotonic() + SCAN_PERIOD_S
                 select.select([pad.device.file for pad in self._pads.pads.values()], [], [], PERIOD_S)
                 time.sleep(PERIOD_S / 2)  # a pad sends up to 1000 reports a second: their last values are enough
                 self._step(time.monotonic_ns())
         finally:
             self._pads.close()
+
+    def _scan(self) -> None:
+        known = set(self._pads.pads)
+        self._pads.scan(time.monotonic_ns())
+        for name in self._pads.pads.keys() - known:
+            if charge := battery_text(connected_pads.SYSFS / name / "device"):
+                echo(f"{self._pads.pads[name].label} has a battery: {charge}", err=True)
 
     def _step(self, now_ns: int) -> None:
         self._pads.read(now_ns)

@@ -41,11 +41,15 @@ def test_without_a_gamepad_the_test_fails_with_advice(fake_pads: FakePads) -> No
 
 def test_events_are_shown_with_what_they_would_command(fake_pads: FakePads) -> None:
     fake_pads.plug("event5", pad_ids.XBOX_USB)
+    supply = fake_pads.sysfs / "event5" / "device" / "device" / "power_supply" / "battery"
+    supply.mkdir(parents=True)
+    (supply / "capacity").write_text("40\n")
     now_ns = time.monotonic_ns()
     fake_pads.send("event5", axis(ABS_Y, -32768, now_ns) + key(BTN_TL, 0, now_ns))
     done = CliRunner().invoke(app, ["test", "--seconds", "0.3", "--json"])
     shown = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     assert done.exit_code == 0
+    assert "A pad (USB, event5) has a battery: 40 %" in done.output
     assert [(line["control"], line["value"], line["dead_man"], line["velocity"]) for line in shown] == [
         ("forward", -32768, "released", None),
         ("dead-man button", 0, "released", None),
