@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,14 @@ from sensor_msgs.msg import Joy
 
 from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, encode
+from lupin_runtime.json_text import conform, parse_json
 from lupin_runtime.ros import LupinNode, stamp_from_ns
 from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
 from lupin_runtime.teleop.map_files import map_folder
 from lupin_runtime.teleop.pad_driver import MIN_PERIOD_S, PERIOD_S, PadDriver
 from lupin_runtime.teleop.pad_state import DeadMan, PadState
 from lupin_runtime.teleop.readable_watch import ReadableWatch
+from lupin_runtime.teleop.rumble import AlertRules, Rumbles
 
 # A pad that floods is read this often between two ticks, and then only at the next one.
 _MAX_WAKES_PER_TICK = 25
@@ -35,10 +38,12 @@ class PadTeleop(LupinNode):
         maps = Path(self.parameter("maps", str(map_folder())))
         self._pads = ConnectedPads(devices, sysfs, maps=maps, inform=log.info, warn=log.warning)
         self._driver = PadDriver()
+        self._alerts, self._rumbles = AlertRules(), Rumbles(devices, log.info)
         self._wakes = 0
         self._closed = False
         self._velocity = self.publisher(graph.CMD_VEL_JOY)
         self._joy = self.publisher(graph.JOY)
+        self.subscription(graph.DRIVE_STATUS, self._on_status)
         wake = self.create_guard_condition(self._on_wake)
         self._watch = ReadableWatch(wake.trigger)
         # Steady time: a pad's dead-man button does not follow the simulation's clock.
@@ -59,6 +64,7 @@ class PadTeleop(LupinNode):
     def destroy_node(self) -> None:
         """Close the pads, and leave the graph."""
         self._watch.close()
+        self._rumbles.close()
         self._pads.close()
         super().destroy_node()
 
@@ -79,6 +85,7 @@ class PadTeleop(LupinNode):
         self._step()
         self._rearm()
         self._publish_joy()
+        self._rumble()
         if not self._pads.pads:
             self._tick.cancel()
 
@@ -98,6 +105,18 @@ class PadTeleop(LupinNode):
             self._velocity.publish(encode(velocity))
         if self._driver.delayed and self._soon.is_canceled():
             self._soon.reset()
+
+    def _on_status(self, message: Any) -> None:
+        with suppress(ValueError):  # another program's: the bus itself does not listen to this node
+            status = parse_json(message.data)
+            locks = conform(status, {"locks": [""]})["locks"]
+            self._alerts.handle_status(locks, self.monotonic_ns())
+
+    def _rumble(self) -> None:
+        self._rumbles.follow(self._pads.pads)
+        alert = self._alerts.step(self._driver.driving is not None, self.monotonic_ns())
+        if alert is not None:
+            self._rumbles.play(alert)
 
     def _publish_joy(self) -> None:
         states = self._pads.states

@@ -39,7 +39,8 @@ class Rig:
         probe = LupinNode("probe")
         probe.subscription(graph.CMD_VEL_JOY, lambda data: self.velocities.append(decode(data)), raw=True)
         probe.subscription(graph.JOY, self.joy.append)
-        self.probe = host.add(probe)
+        self.status = probe.publisher(graph.DRIVE_STATUS)
+        host.add(probe)
         folders = {"devices": fake.devices, "sysfs": fake.sysfs, "maps": fake.maps}
         self.node: PadTeleop = host.add(PadTeleop({name: str(folder) for name, folder in folders.items()}))
 
@@ -110,3 +111,11 @@ def test_joy_tells_the_controls_of_the_pad(rig: Rig) -> None:
     rig.plug()
     rig.host.until(lambda: list(rig.joy[-1].buttons) == [1, 0], what="the held button")
     assert list(rig.joy[-1].axes) == [0.0, 1.0, 0.0]
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"locks": [3]}', '{"locks": ["e-stop engaged"]}'])
+def test_status_of_the_drive_bus_ends_no_drive(rig: Rig, text: str) -> None:
+    from std_msgs.msg import String
+
+    rig.status.publish(String(data=text))
+    rig.plug()
