@@ -31,6 +31,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("Run", "Run one process of the stack in the foreground."),
     "console": ("Run", "Serve a running graph to browsers; their codes, sessions and the certificate."),
     "voice": ("Run", "Command the robot by spoken or typed sentences, without a network."),
+    "teleop": ("Run", "Drive by the keys of this terminal; test and calibrate the gamepads of this computer."),
     "mission": ("Mission", "Start, pause, resume or abort a mission; draw its state machine."),
     "deploy": ("Robot", "Install Lupin on a robot, or set up this machine for it."),
     "doctor": ("Robot", "Diagnose robot, laptop and link; show each root cause, its evidence and its fix."),

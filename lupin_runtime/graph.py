@@ -141,7 +141,7 @@ _Row = TypeVar("_Row", Topic, Service, Action)
 # fmt: off
 # -- the drive bus ----------------------------------------------------------------------------------------------------
 # The sinks are best effort on both targets: a reliable subscriber would receive nothing, and no error would be reported.
-CMD_VEL_JOY = Topic("/cmd_vel_joy", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR,), ALL, note="gamepad with a dead-man button; silent when it is released")
+CMD_VEL_JOY = Topic("/cmd_vel_joy", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "joystick"), ALL, note="gamepad with a dead-man button; silent when it is released")
 CMD_VEL_MANUAL = Topic("/cmd_vel_manual", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "console"), ALL, note="joystick of a console", console=BY_OPERATOR, moves=True)
 CMD_VEL_NAV = Topic("/cmd_vel_nav", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, monitored=True, note="navigation's controller -> velocity smoother")
 CMD_VEL_AUTO = Topic("/cmd_vel_auto", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, note="velocity smoother -> drive bus")
@@ -200,7 +200,7 @@ TWIN_STATE = Topic("/twin/state", "lupin_msgs/msg/TwinState", LATCHED1, 1.0, ("t
 
 # -- arm, lights, log -------------------------------------------------------------------------------------------------
 ARM_TRAJECTORY = Topic("/mirte_master_arm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", REL10, None, ("body", "drive"), ALL)
-JOY = Topic("/joy", "sensor_msgs/msg/Joy", REL10, 20.0, (OPERATOR,))
+JOY = Topic("/joy", "sensor_msgs/msg/Joy", REL10, 20.0, (OPERATOR, "joystick"), note="while a gamepad is connected: left, forward and turn as -1..1; dead-man and turbo button")
 ARM_LIBRARY_STATE = Topic("/lupin/arm/library/state", "std_msgs/msg/String", LATCHED1, 5.0, ("body",))
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", REL100, None, (EVERY_NODE,), ALL)
 

@@ -66,7 +66,7 @@ def command(
         "--foxglove/--no-foxglove",
         help=f"Serve the graph to Foxglove and Lichtblick, read-only, on 127.0.0.1:{FOXGLOVE_PORT}.",
     ),
-    joystick: bool = typer.Option(True, "--joystick/--no-joystick", help="Drive with an Xbox gamepad (not in this release)."),
+    joystick: bool = typer.Option(True, "--joystick/--no-joystick", help="Drive with a gamepad that is connected here."),
     rviz: bool = typer.Option(True, "--rviz/--no-rviz", help="Start RViz, if it is installed and there is a display."),
     discovery_goal: str = typer.Option(None, help="Number of tags to discover, or all [5 on the robot, all in the sim]."),
     monitoring_rounds: int = typer.Option(
@@ -105,7 +105,7 @@ def command(
         echo(f"lupin up: --mission: the tags are read by the cameras: {no_cameras}", err=True)
         raise typer.Exit(USAGE_ERROR)
     serves_video = video and web and cameras and target == "sim"
-    requested = {"web": web, "video": serves_video, "foxglove": foxglove, "joystick": joystick, "rviz": rviz and not headless}
+    requested = {"web": web, "video": serves_video, "foxglove": foxglove, "rviz": rviz and not headless}
     unavailable = _find_unavailable({flag for flag, wanted in requested.items() if wanted}, Options(port=port))
     if no_cameras:
         unavailable["cameras"] = no_cameras
@@ -130,6 +130,7 @@ def command(
         rosbridge_port=rosbridge_port,
         video=video and "video" not in unavailable,
         foxglove=foxglove and "foxglove" not in unavailable,
+        joystick=joystick,
         rviz=rviz and not headless and "rviz" not in unavailable,
         discovery_goal=goal_count(discovery_goal or DEFAULT_GOAL[target]),
         monitoring_rounds=monitoring_rounds if monitoring_rounds is not None else int(target == "sim"),
@@ -215,8 +216,6 @@ def _find_unavailable(requested: Collection[str], options: Options) -> dict[str,
                 check_free("127.0.0.1", port)
         except PortInUse as error:
             unavailable[row.flag] = f"{error}; choose another with --port" if row.flag == "web" else str(error)
-    if "joystick" in requested:
-        unavailable["joystick"] = "the Xbox teleop is not in this release"
     if "rviz" in requested and shutil.which("rviz2") is None:
         unavailable["rviz"] = "rviz2 is not on PATH; install rviz2 of your ROS distribution and source its setup.bash"
     elif "rviz" in requested and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

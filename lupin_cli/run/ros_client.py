@@ -34,6 +34,10 @@ class RosSession:
             self._executor.spin_once(timeout_sec=0.05)
         return True
 
+    def handle_waiting(self) -> None:
+        """Handle one message that has arrived, without waiting."""
+        self._executor.spin_once(timeout_sec=0.0)
+
     def call(self, service: Service, request: Any) -> Any:
         """Call a service and return its response. Exits with status 1 if it has no server or does not respond."""
         client = self.node.client(service)

@@ -367,6 +367,15 @@ TABLE: tuple[ProcessRow, ...] = (
         optional=True,
         next_command="lupin logs foxglove",
     ),
+    ProcessRow(
+        "joystick",
+        (NodeRow("lupin_runtime.teleop.node:PadTeleop"),),
+        when=lambda o: o.joystick,
+        flag="joystick",
+        memory_max_mb=256,
+        optional=True,
+        next_command="lupin logs joystick",
+    ),
     ProcessRow("rviz", when=lambda o: o.rviz, flag="rviz", command=_rviz_command, sends_heartbeats=False),
 )
 

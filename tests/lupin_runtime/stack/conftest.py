@@ -32,6 +32,8 @@ class Up:
         self.environment = {**os.environ, "XDG_STATE_HOME": str(home)}
         # Runs of other tests are up at the same time, and the console's ports exist only once on a machine.
         arguments = arguments if "--web" in arguments else (*arguments, "--no-web")
+        # A pad of the machine that runs the tests must not drive.
+        arguments = (*arguments, "--no-joystick")
         # A CI that was started by nohup ignores SIGHUP, and its children inherit that.
         command = [*prefix, "env", "--default-signal=HUP", sys.executable, "-m", "lupin_cli.app", "up", *arguments]
         self.process = subprocess.Popen(

@@ -29,9 +29,11 @@ def program_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_parts_missing_from_this_release_are_reported() -> None:
-    assert _find_unavailable({"joystick"}, Options()) == {"joystick": "the Xbox teleop is not in this release"}
-    assert _find_unavailable(set(), Options()) == {}
+@pytest.mark.parametrize("target", ["sim", "robot", ONBOARD])
+def test_gamepads_are_read_on_the_laptop_unless_refused(target: str) -> None:
+    found = [row for row in rows(Options(target=target)) if row.name == "joystick"]
+    assert [row.optional for row in found] == ([] if target == ONBOARD else [True])
+    assert all(row.name != "joystick" for row in rows(Options(target=target, joystick=False)))
 
 
 @pytest.mark.parametrize("flag", sorted({row.flag for row in TABLE if row.listens}))

@@ -84,7 +84,7 @@ def test_saved_map_starts_localization_without_slam_or_seed() -> None:
 def test_each_target_starts_its_processes_only() -> None:
     kinds = (*targets.LAPTOP_TARGETS, targets.ONBOARD)
     names = {target: [row.name for row in rows(Options(target=target))] for target in kinds}
-    laptop = ["slam", "nav", "perception", "twin", "recorder"]
+    laptop = ["slam", "nav", "perception", "twin", "recorder", "joystick"]
     assert names["sim"] == ["sim", "estop", "drive", "slam", "nav", "body", *laptop[2:]]
     assert names["robot"] == ["robot", *laptop]
     assert names["onboard"] == ["estop", "drive", "body"]

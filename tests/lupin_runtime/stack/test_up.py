@@ -203,7 +203,7 @@ def test_closed_terminal_leaves_a_result_and_a_report(tmp_path: Path) -> None:
         os.environ.update(XDG_STATE_HOME=str(tmp_path))
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
         arguments = [option for option in BARE if option != "--no-record"]
-        os.execv(sys.executable, [sys.executable, "-m", "lupin_cli.app", "up", "--no-web", *arguments])
+        os.execv(sys.executable, [sys.executable, "-m", "lupin_cli.app", "up", "--no-web", "--no-joystick", *arguments])
     try:
         printed = b""
         while b"READY" not in printed:

@@ -1,0 +1,163 @@
+"""Driving from a terminal: keys, and the gamepads of this computer if the run does not read them itself."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from lupin_cli.run.live_view import Repainter
+from lupin_cli.run.pad_test import velocity_text
+from lupin_cli.run.ros_client import RosSession
+from lupin_cli.safe_console import SafeConsole
+from lupin_runtime import graph
+from lupin_runtime.drive import ZERO, Twist, encode
+from lupin_runtime.json_text import parse_json
+from lupin_runtime.teleop import connected_pads
+from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
+from lupin_runtime.teleop.keyboard import KeyboardDriver, split_keys
+from lupin_runtime.teleop.map_files import map_folder
+from lupin_runtime.teleop.pad_driver import PadDriver
+
+ENDS = ("x", "\x1b", "\x03", "\x04")  # x, Esc, Ctrl-C, Ctrl-D
+HELP = "w s a d drive, q e turn, capital letters are faster, space stops, x ends"
+STEP_S = 0.02
+PAINT_PERIOD_S = 0.2
+MAX_BYTES = 1024
+STATUS_SILENT_S = 3.0
+
+
+class TeleopSession:
+    """Sends what keys and pads command, and knows what the drive bus makes of it. Times are ns of the monotonic clock."""
+
+    def __init__(self, node: Any, *, reads_pads: bool) -> None:
+        """`node` is a LupinNode on the graph of the run."""
+        self.keyboard, self.pad_driver = KeyboardDriver(), PadDriver()
+        self.pads = (
+            ConnectedPads(connected_pads.DEVICES, connected_pads.SYSFS, maps=map_folder(), inform=self._keep, warn=self._keep)
+            if reads_pads
+            else None
+        )
+        self.pad_velocity: Twist | None = None
+        self.told = "the run reads the gamepads" if self.pads is None else "no gamepad is connected"
+        self.status: dict[str, Any] = {}
+        self._status_s = 0.0
+        self._scan_ns = 0
+        self._by_keys = node.publisher(graph.CMD_VEL_MANUAL)
+        self._by_pads = node.publisher(graph.CMD_VEL_JOY) if reads_pads else None
+        node.subscription(graph.DRIVE_STATUS, self._on_status)
+
+    def step(self, keys: list[str], now_ns: int) -> None:
+        """Handle the keys that were pressed, read the pads, and send what is due."""
+        for key in keys:
+            self.keyboard.press(key, now_ns)
+        self._send(self._by_keys, self.keyboard.step(now_ns))
+        if self.pads is None:
+            return
+        if now_ns >= self._scan_ns:
+            self.pads.scan(now_ns)
+            self._scan_ns = now_ns + int(SCAN_PERIOD_S * 1e9)
+        self.pads.read(now_ns)
+        sent = self.pad_driver.step(self.pads.states, now_ns)
+        self.pad_velocity = sent or self.pad_velocity if self.pad_driver.driving else None
+        self._send(self._by_pads, sent)
+
+    def close(self) -> None:
+        """Stop what is driven from here."""
+        if self.keyboard.velocity is not None:
+            self._send(self._by_keys, ZERO)
+        if self.pads is not None:
+            if self.pad_driver.driving is not None:
+                self._send(self._by_pads, ZERO)
+            self.pads.close()
+
+    def view(self) -> RenderableType:
+        """Return what is sent, and what drives the robot."""
+        table = Table.grid(padding=(0, 2))
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column()
+        keys, pad = self.keyboard.velocity, self.pad_velocity
+        table.add_row("keys", _sent_text(keys, HELP))
+        table.add_row("gamepad", _sent_text(pad, self.told))
+        table.add_row("drive bus", self._bus_text())
+        for name, state in self.status.get("inputs", {}).items():
+            table.add_row(f"  {name}", Text(str(state.get("why", "")), style="dim"))
+        return table
+
+    def _bus_text(self) -> Text:
+        if not self.status or time.monotonic() - self._status_s > STATUS_SILENT_S:
+            return Text("is silent; see what runs with: lupin status", style="bold red")
+        if self.status.get("locks"):
+            return Text(f"locked: {', '.join(self.status['locks'])}", style="bold red")
+        return Text(f"obeys {self.status['winner']}" if self.status.get("winner") else "at rest: no source drives")
+
+    def _on_status(self, message: Any) -> None:
+        status = parse_json(message.data)
+        self.status, self._status_s = status if isinstance(status, dict) else {}, time.monotonic()
+
+    def _keep(self, text: str) -> None:
+        self.told = text
+
+    @staticmethod
+    def _send(publisher: Any, velocity: Twist | None) -> None:
+        if velocity is not None:
+            publisher.publish(encode(velocity))
+
+
+def _sent_text(velocity: Twist | None, otherwise: str) -> Text:
+    return Text(otherwise, style="dim") if velocity is None else Text(f"sends {velocity_text(velocity)}", style="bold")
+
+
+@contextmanager
+def unbuffered_terminal() -> Iterator[None]:
+    """Let the terminal pass on each key at once, also Ctrl-C, without showing it, for the block."""
+    file = sys.stdin.fileno()
+    before = termios.tcgetattr(file)
+    try:
+        tty.setraw(file, termios.TCSANOW)
+        after = termios.tcgetattr(file)
+        after[1] |= termios.OPOST  # line feeds still return to the first column
+        termios.tcsetattr(file, termios.TCSANOW, after)
+        yield
+    finally:
+        with suppress(termios.error):  # the terminal is gone
+            termios.tcsetattr(file, termios.TCSADRAIN, before)
+
+
+def _read_terminal() -> bytes:
+    """Return what was typed; empty if the terminal is gone."""
+    try:
+        return os.read(sys.stdin.fileno(), MAX_BYTES)
+    except OSError:
+        return b""
+
+
+def drive(session: RosSession, *, reads_pads: bool) -> None:
+    """Drive until a key of ENDS, or until the terminal is closed. If the terminal does not take the view, nothing is sent."""
+    teleop, paint_at = TeleopSession(session.node, reads_pads=reads_pads), 0.0
+    try:
+        with unbuffered_terminal(), Repainter(SafeConsole()) as repainter:
+            while True:
+                keys: list[str] = []
+                if select.select([sys.stdin], [], [], STEP_S)[0]:
+                    data = _read_terminal()
+                    keys = split_keys(data.decode(errors="replace"))
+                    if not data or any(key in ENDS for key in keys):
+                        return
+                session.handle_waiting()
+                teleop.step(keys, time.monotonic_ns())
+                if time.monotonic() >= paint_at:
+                    repainter.paint(teleop.view())
+                    paint_at = time.monotonic() + PAINT_PERIOD_S
+    finally:
+        teleop.close()

@@ -1,0 +1,150 @@
+"""The connected pads: found by a look at the folder of the input devices, opened, read, and closed when they are gone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.teleop.device import Device, read_identity, read_name
+from lupin_runtime.teleop.events import Event
+from lupin_runtime.teleop.map_files import map_path, read_map
+from lupin_runtime.teleop.pad_maps import TRANSPORTS, PadMap, find_map
+from lupin_runtime.teleop.pad_state import DeadMan, PadState
+
+DEVICES = Path("/dev/input")
+SYSFS = Path("/sys/class/input")
+SCAN_PERIOD_S = 1.0
+MAX_DEVICES = 64  # of the folder that are looked at
+
+_GROUP_ADVICE = "add yourself to the group input, and log in again: sudo usermod -aG input $USER"
+
+
+def input_devices(folder: Path) -> list[str]:
+    """Return the names of the input devices; empty without any, as there is no folder then."""
+    try:
+        return sorted(path.name for path in folder.iterdir() if re.fullmatch(r"event\d+", path.name))[:MAX_DEVICES]
+    except OSError:
+        return []
+
+
+@dataclass(frozen=True)
+class Pad:
+    """A connected pad: its device, its state, and what to call it."""
+
+    device: Device
+    state: PadState
+    label: str
+
+
+class ConnectedPads:
+    """The connected pads by the names of their devices, such as event7. Times are nanoseconds of the monotonic clock."""
+
+    def __init__(
+        self,
+        devices: Path = DEVICES,
+        sysfs: Path = SYSFS,
+        *,
+        maps: Path | None = None,
+        inform: Callable[[str], object],
+        warn: Callable[[str], object],
+        observe: Callable[[str, Event], object] = lambda *_: None,
+    ) -> None:
+        """Use the calibrated pads of the folder `maps`, too.
+
+        `inform` is told of pads that come and go, `warn` once of each that cannot be read; `observe` gets all events.
+        """
+        self.pads: dict[str, Pad] = {}
+        self._devices, self._sysfs, self._maps = devices, sysfs, maps
+        self._inform, self._warn, self._observe = inform, warn, observe
+        self._examined: dict[str, tuple[int, PadMap | None]] = {}  # by name: the file's number, and its row
+        self._denied: set[str] = set()
+
+    @property
+    def states(self) -> dict[str, PadState]:
+        """The states of the pads."""
+        return {name: pad.state for name, pad in self.pads.items()}
+
+    def scan(self, now_ns: int) -> None:
+        """Open the pads that are new. Those that are gone are noticed by `read`."""
+        names = input_devices(self._devices)
+        for gone in self._examined.keys() - set(names):
+            del self._examined[gone]
+        self._denied &= set(names)
+        for name in names:
+            # A device that disappears meanwhile is no error. Half of one may be there: it is looked at again the next time.
+            with suppress(FileNotFoundError, ValueError):
+                row = self._examine(name)
+                if row is not None and name not in self.pads:
+                    self._open(name, row, now_ns)
+
+    def read(self, now_ns: int) -> None:
+        """Read and handle the events of all pads; close those that are gone."""
+        for name, pad in tuple(self.pads.items()):
+            try:
+                events = pad.device.read()
+            except OSError:
+                self.pads.pop(name).device.close()
+                self._inform(f"{pad.label} is gone")
+                continue
+            pad.state.handle(events, now_ns)
+            for event in events:
+                self._observe(name, event)
+            self._resynchronize(pad)
+
+    def close(self) -> None:
+        """Close all pads."""
+        while self.pads:
+            self.pads.popitem()[1].device.close()
+
+    def _examine(self, name: str) -> PadMap | None:
+        number = (self._devices / name).stat().st_ino
+        known = self._examined.get(name)
+        if known is not None and known[0] == number:
+            return known[1]
+        row = self._find_row(name)
+        self._examined[name] = (number, row)
+        return row
+
+    def _find_row(self, name: str) -> PadMap | None:
+        """Return the calibrated row of a device, or that of the table. With a broken file, a device is not used."""
+        found = read_identity(self._sysfs / name / "device")
+        if self._maps is None:
+            return find_map(found)
+        path = map_path(self._maps, found)
+        try:
+            return read_map(path, found) or find_map(found)
+        except MalformedFile as error:
+            problem = str(error)
+        except OSError as error:
+            problem = f"cannot read {path}: {error.strerror}"
+        self._warn(f"{name} is not used: {problem}; calibrate it with: lupin teleop calibrate")
+        return None
+
+    def _open(self, name: str, row: PadMap, now_ns: int) -> None:
+        folder = self._sysfs / name / "device"
+        bus = read_identity(folder).bus
+        label = f"{read_name(folder) or row.name} ({TRANSPORTS.get(bus, 'other')}, {name})"
+        try:
+            device = Device(self._devices / name)
+        except OSError as error:
+            if name not in self._denied and not isinstance(error, FileNotFoundError):
+                self._denied.add(name)
+                advice = f"; {_GROUP_ADVICE}" if isinstance(error, PermissionError) else ""
+                self._warn(f"cannot read {label}: {error.strerror}{advice}")
+            return
+        self._denied.discard(name)
+        pad = Pad(device, PadState(row, bus, device.ranges(row.axes), now_ns), label)
+        self._resynchronize(pad)
+        self.pads[name] = pad
+        self._inform(f"{label} is connected: hold its left shoulder button to drive")
+
+    def _resynchronize(self, pad: Pad) -> None:
+        """Ask the kernel for a state that events do not tell, until the dead-man button is seen released."""
+        if pad.state.dead_man is DeadMan.UNKNOWN:
+            snapshot = pad.device.snapshot(pad.state.row.axes)
+            if snapshot is not None:
+                pad.state.resynchronize(snapshot)

@@ -1,0 +1,132 @@
+"""`pad_teleop`: drives with a gamepad that is connected to this computer."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.timer import Timer
+from sensor_msgs.msg import Joy
+
+from lupin_runtime import graph
+from lupin_runtime.drive import ZERO, encode
+from lupin_runtime.json_text import conform, parse_json
+from lupin_runtime.ros import LupinNode, stamp_from_ns
+from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
+from lupin_runtime.teleop.map_files import map_folder
+from lupin_runtime.teleop.pad_driver import MIN_PERIOD_S, PERIOD_S, PadDriver
+from lupin_runtime.teleop.pad_state import DeadMan, PadState
+from lupin_runtime.teleop.readable_watch import ReadableWatch
+from lupin_runtime.teleop.rumble import AlertRules, Rumbles
+
+# A pad that floods is read this often between two ticks, and then only at the next one.
+_MAX_WAKES_PER_TICK = 25
+
+
+class PadTeleop(LupinNode):
+    """The node of the gamepads. Everything but the waiting happens in its executor: if that hangs, nothing is published.
+
+    Parameters: `devices` and `sysfs`, the folders in which input devices are found; `maps`, that of the calibrated pads.
+    """
+
+    def __init__(self, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("pad_teleop", parameters)
+        log = self.get_logger()
+        devices, sysfs = Path(self.parameter("devices", str(DEVICES))), Path(self.parameter("sysfs", str(SYSFS)))
+        maps = Path(self.parameter("maps", str(map_folder())))
+        self._pads = ConnectedPads(devices, sysfs, maps=maps, inform=log.info, warn=log.warning)
+        self._driver = PadDriver()
+        self._alerts, self._rumbles = AlertRules(), Rumbles(devices, log.info)
+        self._wakes = 0
+        self._closed = False
+        self._velocity = self.publisher(graph.CMD_VEL_JOY)
+        self._joy = self.publisher(graph.JOY)
+        self.subscription(graph.DRIVE_STATUS, self._on_status)
+        wake = self.create_guard_condition(self._on_wake)
+        self._watch = ReadableWatch(wake.trigger)
+        # Steady time: a pad's dead-man button does not follow the simulation's clock.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._tick: Timer = self.create_timer(PERIOD_S, self._on_tick, clock=steady)
+        self._tick.cancel()  # it runs while a pad is connected
+        self._soon: Timer = self.create_timer(MIN_PERIOD_S, self._on_soon, clock=steady)
+        self._soon.cancel()  # it runs once after a change that came too soon after another
+        self.create_timer(SCAN_PERIOD_S, self._scan, clock=steady)
+        self._scan()
+
+    def before_shutdown(self) -> None:
+        """Publish a last zero if a pad drives."""
+        self._closed = True
+        if self._driver.driving is not None:
+            self._velocity.publish(encode(ZERO))
+
+    def destroy_node(self) -> None:
+        """Close the pads, and leave the graph."""
+        self._watch.close()
+        self._rumbles.close()
+        self._pads.close()
+        super().destroy_node()
+
+    def _scan(self) -> None:
+        self._pads.scan(self.monotonic_ns())
+        if self._pads.pads and self._tick.is_canceled():
+            self._tick.reset()
+            self._rearm()
+
+    def _on_wake(self) -> None:
+        self._wakes += 1
+        self._step()
+        if self._wakes < _MAX_WAKES_PER_TICK:
+            self._rearm()
+
+    def _on_tick(self) -> None:
+        self._wakes = 0
+        self._step()
+        self._rearm()
+        self._publish_joy()
+        self._rumble()
+        if not self._pads.pads:
+            self._tick.cancel()
+
+    def _on_soon(self) -> None:
+        self._soon.cancel()
+        self._step()
+
+    def _rearm(self) -> None:
+        for pad in self._pads.pads.values():
+            self._watch.watch(pad.device.file)
+
+    def _step(self) -> None:
+        now_ns = self.monotonic_ns()
+        self._pads.read(now_ns)
+        velocity = self._driver.step(self._pads.states, now_ns)
+        if velocity is not None and not self._closed:
+            self._velocity.publish(encode(velocity))
+        if self._driver.delayed and self._soon.is_canceled():
+            self._soon.reset()
+
+    def _on_status(self, message: Any) -> None:
+        with suppress(ValueError):  # another program's: the bus itself does not listen to this node
+            status = parse_json(message.data)
+            locks = conform(status, {"locks": [""]})["locks"]
+            self._alerts.handle_status(locks, self.monotonic_ns())
+
+    def _rumble(self) -> None:
+        self._rumbles.follow(self._pads.pads)
+        alert = self._alerts.step(self._driver.driving is not None, self.monotonic_ns())
+        if alert is not None:
+            self._rumbles.play(alert)
+
+    def _publish_joy(self) -> None:
+        states = self._pads.states
+        if states:
+            self._joy.publish(self._joy_message(states.get(self._driver.driving or "") or next(iter(states.values()))))
+
+    def _joy_message(self, state: PadState) -> Joy:
+        """Return the controls that drive, of the pad that drives or the first one: left, forward, turn; dead-man, turbo."""
+        message = Joy()
+        message.header.stamp = stamp_from_ns(self.now_ns())
+        message.axes = [state.sticks.left, state.sticks.forward, state.sticks.turn_left]
+        message.buttons = [int(state.dead_man is DeadMan.HELD), int(state.turbo)]
+        return message

@@ -1,0 +1,146 @@
+"""The state of one pad, from its events: whether its dead-man button is held, and where its sticks are.
+
+Only a press of the dead-man button that was seen, after the button was seen released, counts as held. It no longer counts
+
+* as soon as the button is released;
+* if events were lost (SYN_DROPPED) or came late, because the button may have been released meanwhile;
+* if nothing arrived for QUIET_S: a pad whose link is lost keeps its state until the kernel notices, which can take seconds;
+* if a value is none that a button has, or more events arrive than a pad sends.
+
+Then it has to be released and pressed anew. What changes in one report of the pad, which ends with SYN_REPORT, takes effect at
+once, except that a release does not wait for the end of its report.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from lupin_runtime.teleop.events import EV_ABS, EV_KEY, EV_SYN, SYN_DROPPED, SYN_REPORT, Event
+from lupin_runtime.teleop.pad_maps import BLUETOOTH, DEAD_ZONES, PadMap
+from lupin_runtime.teleop.velocity import Sticks, normalize
+
+STALE_S = 0.25  # of an event that is handled, and of the time since events were last read
+QUIET_S = 3.0
+SETTLE_S = 1.0  # after a pad is connected: its first report may press a button that was held all along
+MAX_EVENTS = 1024  # at a time; a pad at 1000 Hz sends 250 within the longest time between two readings
+
+
+class DeadMan(enum.Enum):
+    """What is known of the dead-man button."""
+
+    UNKNOWN = "unknown"  # held or not, it must be seen released before a press counts
+    RELEASED = "released"
+    HELD = "held"
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What the kernel says of a device at one moment: the codes of the pressed keys, and the axes' values by their codes."""
+
+    keys: Collection[int]
+    axes: Mapping[int, int]
+
+
+class PadState:
+    """The state of one pad. Times are nanoseconds of the monotonic clock."""
+
+    def __init__(self, row: PadMap, bus: int, ranges: Mapping[int, tuple[int, int]], now_ns: int) -> None:
+        """Begin with a pad that was connected at `now_ns`. `ranges` are those of its axes; others have that of the row."""
+        self.row = row
+        self.dead_zone = DEAD_ZONES.get(bus, DEAD_ZONES[BLUETOOTH])
+        self.dead_man = DeadMan.UNKNOWN
+        self._ranges = {code: ranges.get(code, row.axis_range) for code in row.axes}
+        self._axes: dict[int, int] = {}
+        self._turbo = False
+        self._report: list[Event] = []  # the changes of the report that has begun
+        self._dropping = False  # events were lost, and the present report is incomplete
+        self._connected_ns = now_ns
+        self._read_ns = now_ns
+        self._heard_ns = now_ns
+
+    @property
+    def turbo(self) -> bool:
+        """Whether the turbo button is held."""
+        return self._turbo
+
+    @property
+    def sticks(self) -> Sticks:
+        """Where the sticks are; an axis that is not known yet counts as centered."""
+        left, forward, turn = (self._stick(code) for code in self.row.axes)
+        return Sticks(forward, left, turn)
+
+    def _stick(self, code: int) -> float:
+        place = normalize(self._axes.get(code), *self._ranges[code])
+        return place if code in self.row.above_center else 0.0 - place
+
+    def handle(self, events: Sequence[Event], now_ns: int) -> None:
+        """Handle what was read from the device at `now_ns`; call it at least every STALE_S, if there are no events, too."""
+        self.check(now_ns)
+        self._read_ns = now_ns
+        if events:
+            self._heard_ns = now_ns
+        for event in events[-MAX_EVENTS:]:
+            self._handle_event(event, now_ns)
+        if len(events) > MAX_EVENTS:
+            self.distrust()
+
+    def check(self, now_ns: int) -> None:
+        """Stop trusting the dead-man button if the events are no longer read, or the pad is silent."""
+        silent = now_ns - self._read_ns > STALE_S * 1e9 or now_ns - self._heard_ns > QUIET_S * 1e9
+        if silent and self.dead_man is DeadMan.HELD:
+            self.distrust()
+
+    def distrust(self) -> None:
+        """Require that the dead-man button is seen released before it counts again."""
+        self.dead_man = DeadMan.UNKNOWN
+        self._report.clear()
+
+    def resynchronize(self, snapshot: Snapshot) -> None:
+        """Take over the state that the kernel keeps. A button that is held there may have been held all along."""
+        self.dead_man = DeadMan.UNKNOWN if self.row.dead_man in snapshot.keys else DeadMan.RELEASED
+        self._turbo = self.row.turbo in snapshot.keys
+        self._axes = {code: value for code, value in snapshot.axes.items() if code in self._ranges}
+
+    def _handle_event(self, event: Event, now_ns: int) -> None:
+        if event.type == EV_SYN and event.code == SYN_DROPPED:
+            self.distrust()
+            self._axes.clear()
+            self._turbo = False
+            self._dropping = True
+        elif event.type == EV_SYN and event.code == SYN_REPORT:
+            self._finish_report(now_ns)
+        elif not self._dropping:
+            if event.type == EV_KEY and event.code == self.row.dead_man and event.value == 0:
+                self.dead_man = DeadMan.RELEASED
+            self._report.append(event)
+            if len(self._report) > MAX_EVENTS:
+                self.distrust()
+
+    def _finish_report(self, now_ns: int) -> None:
+        report, self._report = self._report, []
+        if self._dropping:
+            self._dropping = False
+            return
+        for event in report:
+            if abs(now_ns - event.time_ns) > STALE_S * 1e9 and self.dead_man is DeadMan.HELD:
+                self.distrust()
+            if event.type == EV_ABS and event.code in self._ranges:
+                self._axes[event.code] = event.value
+            elif event.type == EV_KEY and event.code == self.row.turbo:
+                self._turbo = event.value == 1 or (event.value == 2 and self._turbo)
+            elif event.type == EV_KEY and event.code == self.row.dead_man:
+                self._press(event, now_ns)
+
+    def _press(self, event: Event, now_ns: int) -> None:
+        """Handle a change of the dead-man button; 2 is a repeated press, which changes nothing."""
+        if event.value == 0:
+            self.dead_man = DeadMan.RELEASED
+        elif event.value not in (1, 2):
+            self.distrust()
+        elif event.value == 1:
+            fresh = abs(now_ns - event.time_ns) <= STALE_S * 1e9
+            settled = now_ns - self._connected_ns >= SETTLE_S * 1e9
+            believed = self.dead_man is not DeadMan.UNKNOWN and fresh and settled
+            self.dead_man = DeadMan.HELD if believed else DeadMan.UNKNOWN
