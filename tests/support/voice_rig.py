@@ -1,4 +1,4 @@
-"""A voice session on a bridge that records."""
+"""A voice session on a bridge that records, with the listener that a test speaks for."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from lupin_runtime.console.command_era import OUTDATED
 from lupin_runtime.console.outbox import Frame
 from lupin_runtime.console.robot_watch import RobotWatch
 from lupin_runtime.console.settings import SETTINGS
+from lupin_runtime.console.voice_listener import ListenerState, ListenerUser, VoiceListener
 from lupin_runtime.console.voice_session import VoiceSession
 from lupin_runtime.voice.envelope import Envelope
+from lupin_runtime.voice.listener_protocol import Kind
 
 ME = Session("phone-1", Role.OPERATOR)
 
@@ -79,12 +81,33 @@ class FakeBridge:
         return 0 if topic in self.unheard else 1
 
 
+class FakeListener:
+    """Notes what is sent to it; the test says what it hears."""
+
+    def __init__(self) -> None:
+        self.state = ListenerState("ready")
+        self.user: ListenerUser | None = None
+        self.sent: list[tuple[Kind, bytes]] = []
+
+    def start(self, user: ListenerUser) -> ListenerState:
+        self.user = user
+        return self.state
+
+    def stop(self, _user: ListenerUser) -> None:
+        self.user = None
+
+    def send(self, _user: ListenerUser, kind: Kind, payload: bytes) -> None:
+        self.sent.append((kind, payload))
+
+
 class Rig:
     """A voice session in its first turn, and what it has sent."""
 
     def __init__(self) -> None:
         self.bridge = FakeBridge()
+        self.listener = FakeListener()
         self.sent: list[dict[str, Any]] = []
+        self.sounds: list[bytes] = []
         self.session = VoiceSession(
             ME,
             cast(Bridge, self.bridge),
@@ -93,11 +116,15 @@ class Rig:
             lambda: {setting.name: setting.default for setting in SETTINGS},
             self._change_location,
             self._receive,
+            cast(VoiceListener, self.listener),
         )
         self.send(turn={"id": "1", "by": "text"})
 
     def _receive(self, frame: Frame) -> None:
-        self.sent.append(json.loads(frame.data))
+        if frame.binary:
+            self.sounds.append(frame.data)
+        else:
+            self.sent.append(json.loads(frame.data))
 
     async def _change_location(self, session: Session, name: str, pose: dict[str, float]) -> None:
         self.bridge.log.append((session.name, name, pose))
@@ -107,6 +134,12 @@ class Rig:
 
     def call(self, identifier: str, tool: str, /, **arguments: Any) -> None:
         self.send(call={"id": identifier, "name": tool, "arguments": arguments})
+
+    def listen(self, mode: str) -> ListenerUser:
+        """Begin to listen, and return what the listener calls."""
+        self.send(listen={"mode": mode})
+        assert self.listener.user is not None
+        return self.listener.user
 
     def messages(self, kind: str) -> list[Any]:
         """Return what was sent of one kind."""

@@ -10,6 +10,7 @@ import pytest
 from lupin_runtime import graph
 from lupin_runtime.console.command_era import OUTDATED
 from lupin_runtime.console.voice_session import INTERRUPTED
+from lupin_runtime.voice.listener_protocol import Kind
 from tests.support.voice_rig import Rig, run, settle
 
 
@@ -214,10 +215,78 @@ def test_state_is_sent_only_when_it_changes() -> None:
     run(test)
 
 
-@pytest.mark.parametrize("text", ["", "nan", "[]", '{"call": {"id": ""}}', '{"call": {"id": "a\\n"}}', "[" * 9999, b"\xff"])
+@pytest.mark.parametrize(
+    "text", ["", "nan", "[]", '{"call": {"id": ""}}', '{"call": {"id": "a\\n"}}', '{"closed": 1}', "[" * 9999, b"\xff"]
+)
 def test_malformed_message_is_answered(text: Any) -> None:
     async def test(rig: Rig) -> None:
         rig.session.handle(text)
         assert "error" in rig.sent[-1]
+
+    run(test)
+
+
+def test_stop_that_was_heard_engages_the_stop_at_once() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        rig.call("b", "set_light", color="red")
+        await settle()
+        rig.listen("stops").stop_heard("please stop")
+        await settle()
+        assert "stop of voice agent of phone-1" in rig.bridge.log and rig.bridge.log[-1] == 0.0
+        assert rig.responses()["b"] == {"ok": False, "error": INTERRUPTED}
+        assert {"stop_heard": "please stop"} in rig.sent
+
+    assert ("voice stop heard 'please stop'", "") in run(test).bridge.recorded
+
+
+def test_stop_that_was_heard_forgets_what_was_read_back() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "nav_goto", x=1, y=1)
+        await settle()
+        rig.listen("stops").stop_heard("stop")
+        rig.send(turn={"id": "2", "by": "speech"})
+        rig.call("b", "nav_goto", x=1, y=1, confirmation=rig.responses()["a"]["confirmation"])
+        await settle()
+        assert not rig.responses()["b"]["ok"] and graph.GOAL_POSE.name not in rig.bridge.log
+
+    run(test)
+
+
+def test_stop_is_heard_before_the_first_turn_and_when_cut_off() -> None:
+    async def test(rig: Rig) -> None:
+        for number in range(30):
+            rig.call(f"a{number}", "rotate", angle_deg=number)
+        rig.listen("stops").stop_heard("halt")
+        await settle()
+        assert "stop of voice agent of phone-1" in rig.bridge.log
+
+    run(test)
+
+
+def test_sound_goes_to_the_listener_until_the_session_ends() -> None:
+    async def test(rig: Rig) -> None:
+        rig.listen("stops")
+        rig.session.handle(bytes(1600))
+        assert rig.listener.sent[-1] == (Kind.SOUND, bytes(1600))
+        assert [each["state"]["listener"]["state"] for each in rig.sent if "state" in each][-1] == "ready"
+        rig.session.close()
+        assert rig.listener.user is None
+
+    run(test)
+
+
+def test_page_that_was_not_released_moves_nothing() -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(closed=True)
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        rig.call("b", "speak", text="hello")
+        await settle()
+        assert rig.responses()["a"]["blocked"] and rig.responses()["b"]["ok"] and 0.2 not in rig.bridge.log
+        rig.send(closed=False)
+        rig.send(turn={"id": "2", "by": "text"})
+        rig.call("c", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        assert rig.responses()["c"]["ok"]
 
     run(test)
