@@ -23,13 +23,15 @@ COMMAND = (*PYTHON, "-m", "lupin_runtime.voice.listener")
 MAX_SOUNDS = 40  # frames that wait, 2 s; older ones are of no use to a stop
 MAX_DROPPED = 200  # frames, 10 s
 MAX_MARKS = 100
+MAX_ENDING = 2  # processes that are being ended while another is started
 _PIPE_BYTES = 16_000
 _END_TIMEOUT_S = 2.0
 
 # Reasons.
 BUSY = "the console listens to {name}"
-TAKES_NOTHING = "it took no sound for 10 s, and was ended; start again"
-ENDED = "it ended by itself{reason}; start again"
+STILL_ENDING = "the processes before are still ending; ask again"
+TAKES_NOTHING = "it took no sound for 10 s, and was ended; it is started again when you begin to speak"
+ENDED = "it ended by itself{reason}; it is started again when you begin to speak"
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,8 @@ class VoiceListener:
         self._end()
         if self._is_closed:
             return ListenerState()
+        if len(self._ending) > MAX_ENDING:
+            return ListenerState("failed", STILL_ENDING)
         self._process = _Process(self._command, user)
         return self._process.state
 
@@ -167,6 +171,7 @@ class _Process:
         except ValueError as error:  # a line that is no event, or is too long
             self._change("failed", f"it sent what is no event: {error}")
         finally:
+            self._change("failed", ENDED.format(reason=""))
             self._is_ending = True
             process.stdin.close()
             for task in tasks:

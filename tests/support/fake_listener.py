@@ -12,13 +12,13 @@ from lupin_runtime.voice.endpointer import FRAME_BYTES
 from lupin_runtime.voice.listener import run
 
 COMMAND = (sys.executable, "-m", "tests.support.fake_listener")
+SPOKEN_DRIVE = "drive forward for one second at 0.2 metres per second"
 SOUNDS = {
     "stop": 16_000,
     "hang": 15_000,
     "what is the battery": 14_000,
-    "go to two one": 13_000,
     "yes": 12_000,
-    "drive forward for one second at 0.2 metres per second": 11_000,
+    SPOKEN_DRIVE: 11_000,
     "hold": 10_000,  # a "halt", which the spotter's windows do not show
 }
 SILENCE = bytes(FRAME_BYTES)

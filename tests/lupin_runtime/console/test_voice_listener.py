@@ -11,7 +11,15 @@ import pytest
 
 from lupin_runtime.console import voice_listener
 from lupin_runtime.console.authority import Role, Session
-from lupin_runtime.console.voice_listener import MAX_DROPPED, MAX_MARKS, TAKES_NOTHING, ListenerState, VoiceListener
+from lupin_runtime.console.voice_listener import (
+    MAX_DROPPED,
+    MAX_ENDING,
+    MAX_MARKS,
+    STILL_ENDING,
+    TAKES_NOTHING,
+    ListenerState,
+    VoiceListener,
+)
 from lupin_runtime.voice.listener_protocol import Kind
 from lupin_runtime.voice.speech import MISSING_PACKAGES
 from tests.support.fake_listener import COMMAND, sound_of
@@ -113,6 +121,15 @@ def test_process_that_dies_is_reported_and_can_be_started_again() -> None:
         await user.until(lambda: [state.name for state in user.states] == ["failed"] * 2)
 
     run(DIES, test)
+
+
+def test_page_that_asks_again_and_again_starts_few_processes() -> None:
+    async def test(listener: VoiceListener, user: User) -> None:
+        states = [listener.start(user) for _ in range(100)]
+        assert states.count(ListenerState("starting")) == MAX_ENDING + 1
+        assert states[-1] == ListenerState("failed", STILL_ENDING)
+
+    run(COMMAND, test)
 
 
 def test_process_that_takes_nothing_is_ended() -> None:

@@ -7,15 +7,16 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import psutil
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.console import voice_listener
+from lupin_runtime.console import voice_listener, voice_offline
+from lupin_runtime.voice.speech import SpeechUnavailable
 from tests.support.console_browser import Browser, stop_texts
-from tests.support.fake_listener import COMMAND, SILENCE, sound_of
+from tests.support.fake_listener import COMMAND, SILENCE, SPOKEN_DRIVE, sound_of
 from tests.support.voice_client import VoiceClient, journal, serve_console
 from tests.support.waiting import wait_until
 
@@ -49,11 +50,16 @@ class Robot:
         return self.velocities[-3:] == [ZERO] * 3
 
 
+def fail_to_speak() -> NoReturn:
+    raise SpeechUnavailable("no espeak-ng")
+
+
 @pytest.fixture
 def console(graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Console]:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr(voice_listener, "COMMAND", COMMAND)
     monkeypatch.setattr(voice_listener, "missing_packages", lambda: "")
+    monkeypatch.setattr(voice_offline, "Speaker", fail_to_speak)
     node = serve_console(graph_host, tmp_path)
     yield node
     node.before_shutdown()
@@ -114,6 +120,25 @@ def test_listener_that_fails_changes_nothing_else(
         listen(voice)
     voice.close()
     wait_until(lambda: not process.is_running(), "the end of the listener")
+
+
+def speak(voice: VoiceClient, identifier: str, text: str) -> None:
+    """Say a sentence in a turn."""
+    voice.send(turn={"id": identifier, "by": "speech", "ended": False})
+    for _ in range(8):
+        voice.client.socket.send(sound_of(text))
+    voice.send(turn={"id": identifier, "by": "speech", "ended": True})
+
+
+def test_spoken_sentence_is_carried_out_without_a_model(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
+    robot, voice = Robot(graph_host, console), connect(console, tmp_path)
+    listen(voice, "commands")
+    speak(voice, "1", SPOKEN_DRIVE)
+    reply = voice.client.wait(lambda message: "reply" in message)["reply"]
+    assert reply["done"] and reply["call"]["tool"] == "drive"
+    graph_host.until(robot.rests, what="the end of the burst")
+    assert (0.2, 0.0) in robot.velocities
+    voice.close()
 
 
 def test_microphone_of_a_viewer_is_not_heard(console: Console, tmp_path: Path) -> None:
