@@ -52,6 +52,13 @@ describe("a typed sentence", () => {
     expect(view()).toMatchObject({ isThinking: false, latency: { callMs: 40, soundMs: null } });
   });
 
+  it("to speak writes to the transcript", () => {
+    const { conversation, all, reply } = begun();
+    conversation.say("say good morning");
+    reply(all("say")[0]?.["id"], { message: "speak: done", call: { tool: "speak", arguments: { text: "good morning" } }, response: { ok: true } });
+    expect(view().transcript.at(-1)).toMatchObject({ who: "note", text: "good morning" });
+  });
+
   it("from a page that nobody has released moves nothing: the console is told before", () => {
     const isClosed = vi.fn(() => true);
     const { conversation, desk } = begun({ isClosed });

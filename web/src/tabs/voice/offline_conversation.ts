@@ -168,7 +168,9 @@ export class OfflineConversation implements Talk {
     this.write("agent", message);
     if (call !== null && response !== null) {
       const state = outcome(response);
-      this.show({ calls: withCall(this.view.calls, { id, tool: call.tool, args: call.arguments, state, result: response, byOperator: false }) });
+      const { tool, arguments: args } = call;
+      this.show({ calls: withCall(this.view.calls, { id, tool, args, state, result: response, byOperator: false }) });
+      if (state === "done" && tool === "speak" && typeof args["text"] === "string") this.write("note", args["text"]);
     }
     if (!isLatest) return;
     this.show({ isThinking: false });

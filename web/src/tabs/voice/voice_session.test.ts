@@ -79,6 +79,16 @@ it("an open microphone makes turns once the agent is silent", async () => {
   expect(turns()).toBe(2);
 });
 
+it("a listener that failed is asked for again when the operator begins to speak", () => {
+  const asked = () => desk.sent.filter(({ listen }) => listen !== undefined).length;
+  beginTalk();
+  endTalk();
+  expect(asked()).toBe(1);
+  desk.deliver({ state: { listener: { state: "failed", reason: "it ended by itself; start again" } } });
+  beginTalk();
+  expect(asked()).toBe(2);
+});
+
 it("in Dutch only stops are heard, as speech is recognized in English", async () => {
   endVoice();
   await changeSettings({ voiceLanguage: "nl-NL" });

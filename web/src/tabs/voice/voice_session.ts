@@ -92,6 +92,8 @@ class VoiceSession {
     const { isOperatorSpeaking, isConsoleOpen, isTypedOnly } = useVoice.getState();
     if (isOperatorSpeaking || !isConsoleOpen || isTypedOnly) return;
     this.talkedMs = 0;
+    const listener = useVoice.getState().console?.listener.state;
+    if (listener === "failed" || listener === "busy") this.requestListening();
     this.conversation.beginSpeech();
     for (const frame of this.preroll) this.conversation.hear(frame);
     this.preroll = [];
@@ -123,6 +125,13 @@ class VoiceSession {
     if (mode !== "open" && this.talkedMs >= setting("voiceVadMaxUtteranceMs") && useVoice.getState().isOperatorSpeaking) this.endTalk();
   }
 
+  /** Have the console hear the microphone: for words for stopping, and for commands where no model hears them. */
+  private requestListening(): void {
+    if (this.microphone === null) return;
+    const mode = this.by === "offline" && !useVoice.getState().isTypedOnly ? "commands" : "stops";
+    this.conversation.listen({ mode, startLevel: setting("voiceVadStartThreshold"), endLevel: setting("voiceVadEndThreshold") });
+  }
+
   private async openMicrophone(): Promise<void> {
     // A script hears nothing, so the operator is not asked for a microphone.
     if (this.by === "script" || !offersMicrophone()) return;
@@ -137,8 +146,7 @@ class VoiceSession {
       if (this.isOver) microphone.close();
       else {
         this.microphone = microphone;
-        const mode = this.by === "offline" && !useVoice.getState().isTypedOnly ? "commands" : "stops";
-        this.conversation.listen({ mode, startLevel: setting("voiceVadStartThreshold"), endLevel: setting("voiceVadEndThreshold") });
+        this.requestListening();
         useVoice.setState({ microphone: "on" });
       }
     } catch (error) {
