@@ -65,6 +65,8 @@ const POLICY_VIOLATION = 1008;
 const MAX_CHARACTERS = 1_000_000;
 /** Half a second of sound: where the network takes no more, what waits would be too old for a stop. */
 const MAX_BUFFERED_BYTES = 16_000;
+/** The console would drop each frame. */
+const DEAF_STATES: readonly ListenerState["state"][] = ["missing", "failed", "busy"];
 const LISTENER_STATES: readonly string[] = ["off", "starting", "ready", "missing", "failed", "busy"] satisfies ListenerState["state"][];
 
 type Fields = Record<string, unknown>;
@@ -76,6 +78,7 @@ export class ConsoleLink {
   private pending = new Map<string, (result: ToolResult) => void>();
   private timer: ReturnType<typeof setTimeout> | undefined;
   private listening: Listening | null = null;
+  private isHeard = true;
 
   constructor(
     private readonly url: string,
@@ -137,7 +140,7 @@ export class ConsoleLink {
 
   /** Send a frame of the microphone: 50 ms of mono PCM of 16 bits at 16 kHz. */
   sendSound(frame: Int16Array): void {
-    if (this.listening === null || !this.isOpen || this.socket === null || this.socket.bufferedAmount > MAX_BUFFERED_BYTES) return;
+    if (this.listening === null || !this.isHeard || !this.isOpen || this.socket === null || this.socket.bufferedAmount > MAX_BUFFERED_BYTES) return;
     this.socket.send(new Int16Array(frame).buffer);
   }
 
@@ -179,11 +182,16 @@ export class ConsoleLink {
       this.pending.delete(result["id"]);
       resolve?.(fields(result["response"]) ?? { ok: false, error: LINK_LOST });
     }
-    if (state !== null) this.listener.changed(readState(state));
+    if (state !== null) this.changed(readState(state));
     const [heard, reply, stop] = [fields(message?.["heard"]), fields(message?.["reply"]), message?.["stop_heard"]];
     if (typeof stop === "string") this.listener.stopHeard(stop);
     if (heard !== null) this.listener.heard(asText(heard["id"]), asText(heard["text"]), asText(heard["problem"]));
     if (reply !== null) this.listener.replied(readReply(reply));
+  }
+
+  private changed(state: ConsoleState): void {
+    this.isHeard = !DEAF_STATES.includes(state.listener.state);
+    this.listener.changed(state);
   }
 
   private lost(isMoved: boolean): void {

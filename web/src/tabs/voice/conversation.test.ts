@@ -252,6 +252,16 @@ describe("the sound of the microphone", () => {
     expect(desk.frames).toHaveLength(0);
   });
 
+  it("is not sent where the console hears nothing", async () => {
+    const { conversation, desk } = await begun();
+    conversation.listen(LISTENING);
+    for (const state of ["starting", "missing", "failed", "busy", "ready"]) {
+      desk.deliver({ state: { listener: { state, reason: "" } } });
+      conversation.overhear(FRAME);
+    }
+    expect(desk.frames).toHaveLength(2);
+  });
+
   it("is listened to again by a console that was away, and no longer once it ends", async () => {
     const { conversation, desk } = await begun();
     conversation.listen(LISTENING);
