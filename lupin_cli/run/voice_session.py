@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lupin_cli.run.voice_connection import VoiceConnection, connect, new_identifier
-from lupin_cli.run.voice_dialog import Dialog, Reply, Turn
 from lupin_cli.run.voice_sources import Microphone, hear_file, read_lines
 from lupin_cli.terminal import confirm, echo, is_interactive
+from lupin_runtime.voice.dialog import Dialog, Reply, Turn
 from lupin_runtime.voice.endpointer import split_frames
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.grammar import has_stop_word

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import TextIO
 
 from lupin_cli.run.voice_connection import new_identifier
-from lupin_cli.run.voice_dialog import Agent, Turn
+from lupin_runtime.voice.dialog import Agent, Turn
 from lupin_runtime.voice.endpointer import Edge, Endpointer
 from lupin_runtime.voice.grammar import has_stop_word
 from lupin_runtime.voice.speech import Recognizer, SpeechUnavailable
-from lupin_runtime.voice.stop_spotter import StopSpotter
+from lupin_runtime.voice.spotting_endpointer import SpottingEndpointer
 
 _MAX_READ = 4096
 
@@ -125,22 +125,19 @@ class Microphone:
 
     # -- in the thread of the microphone --------------------------------------------------------------------------------
     def _listen(self) -> None:
-        endpointer, identifier, problem = Endpointer(), "", None
-        spotter = StopSpotter(self._recognizer, lambda text: self._post_stop(identifier, text))
+        identifier, problem = "", None
+        spotting = SpottingEndpointer(self._recognizer, lambda text: self._post_stop(identifier, text))
         try:
             for frame in self._frames:
-                edge = endpointer.push(frame)
+                edge = spotting.push(frame)
                 if edge is Edge.BEGIN:
                     identifier = new_identifier()
-                    spotter.begin()
                 if edge is not None:
-                    sound = endpointer.utterance if edge is Edge.END else b""
+                    sound = spotting.utterance if edge is Edge.END else b""
                     self._post(_Event(identifier, edge, sound))
-                if endpointer.is_speaking:
-                    spotter.update(endpointer.utterance)
         except SpeechUnavailable as error:
             problem = error
-        spotter.close()
+        spotting.close()
         self._post(_Event("", None, problem=problem))
 
     def _post(self, event: _Event) -> None:

@@ -401,6 +401,11 @@ class Origin:
             )
         return await self._voice.serve(request)
 
+    async def close_voice(self) -> None:
+        """End what the voice agents have started."""
+        if self._voice is not None:
+            await self._voice.close()
+
     def _note_alive(self, session: Session) -> None:
         self._bridge.authority.note_alive(session, time.monotonic_ns())
 

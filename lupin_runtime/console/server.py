@@ -151,6 +151,7 @@ class ConsoleServer:
             self._connections.close(_CLOSE_TIMEOUT_S),
             self._origin.video.close(),
             self._origin.voice_tokens.close(),
+            self._origin.close_voice(),
             asyncio.wait_for(self._origin.doctor.close(), 2 * _CLOSE_TIMEOUT_S),
         )
         for error in await asyncio.gather(*closing, return_exceptions=True):

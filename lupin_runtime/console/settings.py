@@ -115,6 +115,7 @@ SETTINGS = (
     Setting("speedScale", 0.5, low=0.05, high=1.0),
     Setting("armServoNamespace", "/io/servo/hiwonder", ros_name=True),
     Setting("armRateDegPerSec", 60.0, "deg/s", 1.0, 180.0),
+    Setting("voiceEngine", "auto", choices=("auto", "offline"), shared=False),
     Setting("geminiModel", "models/gemini-3.1-flash-live-preview", shared=False),
     Setting("voiceLanguage", "en-US", max_length=35, shared=False),
     Setting("voicePushToTalk", True, shared=False),

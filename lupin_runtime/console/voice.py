@@ -7,9 +7,17 @@ The client sends one JSON object a message:
 * `{"call": {"id", "name", "arguments"}}`: the model calls a tool.
 * `{"cancel": true}`: the operator interrupts. A burst ends, what was read back is forgotten, and calls that wait are dropped.
 * `{"alive": true}`: a sign of life, for a client that has no other connection.
+* `{"listen": {"mode", "start_level", "end_level"}}`: have the console hear the microphone, of which each binary message is a
+  frame of `lupin_runtime/voice/endpointer.py`. In the mode `stops`, words for stopping engage the e-stop; in `commands`, turns
+  in speech are recognized, too, for the agent without a model; `off` ends it.
+* `{"closed": true}`: this page may not move the robot, for example as nobody has released it there; false ends it.
+* `{"say": {"id", "text", "language"}}` and `{"answer": {"id", "agrees"}}`: a sentence for the agent without a model, and a
+  button that answers what it has read back. Each is a turn with this id.
 
 The server answers `{"result": {"id", "name", "response"}}` for each call, and sends `{"cut_off": reason}` if the agent is cut
-off, `{"state": ...}` when that changes, and `{"error": text}` for a message that it does not understand.
+off, `{"stop_heard": text}` for a word for stopping, `{"heard": {"id", "text", "problem"}}` for a turn in speech, and for a
+sentence `{"reply": ...}` and a binary message with its sound; `{"state": ...}` when that changes, and `{"error": text}` for a
+message that it does not understand.
 """
 
 from __future__ import annotations
@@ -28,6 +36,7 @@ from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import Connection
 from lupin_runtime.console.robot_watch import RobotWatch
 from lupin_runtime.console.settings import SETTINGS
+from lupin_runtime.console.voice_listener import VoiceListener
 from lupin_runtime.console.voice_robot import ChangeLocation
 from lupin_runtime.console.voice_session import VoiceSession
 from lupin_runtime.ros import LupinNode
@@ -63,6 +72,7 @@ class VoiceAgents:
         # An envelope outlives its connection: an agent that was cut off is not free again once it has connected again.
         self._envelopes: dict[Session, Envelope] = {}
         self._connections: dict[Session, Connection] = {}
+        self._listener = VoiceListener()
         self._watch: Future[RobotWatch] | None = None  # while any session is open
         self._users = 0
 
@@ -81,9 +91,15 @@ class VoiceAgents:
                     del self._connections[session]
         return connection.socket
 
+    async def close(self) -> None:
+        """End the listener."""
+        await self._listener.close()
+
     async def _serve(self, session: Session, connection: Connection, watch: RobotWatch) -> None:
         envelope = self._envelope(session)
-        agent = VoiceSession(session, self._bridge, envelope, watch, self._settings, self._change_location, connection.put)
+        agent = VoiceSession(
+            session, self._bridge, envelope, watch, self._settings, self._change_location, connection.put, self._listener
+        )
 
         def handle(text: str | bytes) -> None:
             self._note_alive(session)

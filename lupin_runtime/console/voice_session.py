@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from lupin_runtime.console.authority import Session
@@ -13,18 +14,28 @@ from lupin_runtime.console.encoding import json_frame, to_json
 from lupin_runtime.console.outbox import Frame
 from lupin_runtime.console.robot_watch import RobotWatch
 from lupin_runtime.console.short_text import short_repr
+from lupin_runtime.console.voice_hearing import Hearing
+from lupin_runtime.console.voice_listener import VoiceListener
+from lupin_runtime.console.voice_offline import OfflineAgent
 from lupin_runtime.console.voice_robot import ChangeLocation, ConsoleRobot
 from lupin_runtime.json_text import parse_json
+from lupin_runtime.voice.dialog import names_in
 from lupin_runtime.voice.envelope import Call, Envelope, Rejected
 from lupin_runtime.voice.executor import Executor
-from lupin_runtime.voice.tools import Effect
+from lupin_runtime.voice.slots import Names
+from lupin_runtime.voice.tools import BY_NAME, Effect
 from lupin_runtime.voice.turns import TurnKind
 from lupin_runtime.voice.untrusted import clean
 
 INTERRUPTED = "interrupted: the operator or a stop came before it was done; ask for the state before going on"
+PAGE_CLOSED = "this page may not move the robot yet: the operator must hold its release button first"
 MAX_WAITING = 100  # calls; beyond that nothing more is read from the client
+_KINDS = "turn, call, cancel, alive, closed, listen, say, answer"
 _MAX_ID = 200
 _MAX_MESSAGE = 100_000
+
+
+Answer = Callable[[dict[str, Any]], None]
 
 
 class BadMessage(ValueError):
@@ -43,6 +54,7 @@ class VoiceSession:
         settings: Callable[[], Mapping[str, Any]],
         change_location: ChangeLocation,
         put: Callable[[Frame], None],
+        listener: VoiceListener,
     ) -> None:
         self._session = session
         self._bridge = bridge
@@ -53,6 +65,11 @@ class VoiceSession:
         self._order = asyncio.Lock()
         self._tasks: dict[asyncio.Task[None], Call] = {}
         self._state: dict[str, Any] = {}
+        self._is_closed = False  # whether the page may not move the robot, as nobody has released it there
+        self._hearing = Hearing(
+            session, listener, self.push_state, self.stop_at_once, lambda identifier, text: self._offline.hear(identifier, text)
+        )
+        self._offline = OfflineAgent(self, self._hearing, self._send, lambda sound: put(Frame(sound, binary=True)))
         self.push_state()
 
     @property
@@ -62,36 +79,50 @@ class VoiceSession:
 
     def close(self) -> None:
         """Drop what waits, end the burst, and leave the bridge."""
+        self._hearing.close()
+        self._offline.close()
         for task in self._tasks:
             task.cancel()
         self._robot.close()
 
-    def handle(self, text: str | bytes) -> None:
-        """Handle a message from the client. Never raises, whatever it contains."""
+    def handle(self, message: str | bytes) -> None:
+        """Handle a message from the client, which is a frame of sound if it is binary. Never raises, whatever it contains."""
         try:
-            self._handle(text)
+            if isinstance(message, bytes):
+                self._hearing.take(message)
+            else:
+                self._handle(message)
         except ValueError as error:
             self._send({"error": str(error)})
 
-    def _handle(self, text: str | bytes) -> None:
+    def _handle(self, text: str) -> None:
         if len(text) > _MAX_MESSAGE:
             raise BadMessage(f"a message may have {_MAX_MESSAGE} characters")
         message = parse_json(text)
         if not isinstance(message, dict) or len(message) != 1:
-            raise BadMessage("a message must be an object with one of turn, call, cancel, alive")
+            raise BadMessage(f"a message must be an object with one of {_KINDS}")
         [(kind, body)] = message.items()
         if kind == "turn":
             self._announce_turn(body)
         elif kind == "call":
             self._receive_call(body)
         elif kind == "cancel":
-            self._bridge.record(self._session.name, "voice cancel")
-            self._envelope.cancel()
-            self._interrupt()
-            self._robot.stop_wheels()
-            self.push_state()
+            self._offline.drop()
+            self.cancel()
+        elif kind == "closed":
+            if not isinstance(body, bool):
+                raise BadMessage("closed must be true or false")
+            self._is_closed = body
+        elif kind == "listen":
+            self._hearing.listen(body)
+            if self._hearing.mode == "commands":
+                self._offline.refresh_names()
+        elif kind == "say":
+            self._offline.say(_identifier(body), body)
+        elif kind == "answer":
+            self._offline.answer(_identifier(body), body)
         elif kind != "alive":
-            raise BadMessage(f"unknown message {short_repr(kind)}; expected turn, call, cancel or alive")
+            raise BadMessage(f"unknown message {short_repr(kind)}; expected one of {_KINDS}")
 
     def _announce_turn(self, body: Any) -> None:
         identifier, ended = _identifier(body), body.get("ended", True)
@@ -99,36 +130,90 @@ class VoiceSession:
         by = body.get("by")
         if not isinstance(by, str) or by not in kinds or not isinstance(ended, bool):
             raise BadMessage(f"a turn must have by: one of {', '.join(kinds)}, and ended: true or false")
-        self._envelope.turns.announce(identifier, kinds[by], ended=ended)
+        before = self.turn
+        self.announce(identifier, by, ended=ended)
+        if kinds[by] is TurnKind.SPEECH and self.turn != before:
+            self._offline.begin_speech(identifier)
+        if kinds[by] is TurnKind.SPEECH and ended:
+            self._offline.end_speech(identifier)
+
+    # -- SessionCalls ---------------------------------------------------------------------------------------------------
+    @property
+    def state(self) -> Mapping[str, Any]:
+        """The state of the session, as the client has it."""
+        return self._state
+
+    @property
+    def turn(self) -> int:
+        """The number of the present turn."""
+        return self._envelope.turns.number
+
+    def announce(self, identifier: str, by: str, *, ended: bool) -> None:
+        """Begin or end a turn of the operator."""
+        self._envelope.turns.announce(identifier, TurnKind(by), ended=ended)
         self.push_state()
+
+    def cancel(self) -> None:
+        """End the burst, drop what waits, and forget what was read back, as the operator interrupts or says no."""
+        self._bridge.record(self._session.name, "voice cancel")
+        self._envelope.cancel()
+        self._interrupt()
+        self._robot.stop_wheels()
+        self.push_state()
+
+    def stop_at_once(self, text: str) -> None:
+        """Engage the stop, as a word for it was heard."""
+        self._offline.drop(stop_heard=True)
+        self._bridge.record(self._session.name, f"voice stop heard {short_repr(text)}")
+        self._send({"stop_heard": clean(text)})
+        self.begin_call("engage_estop", {}, lambda _: None)
+
+    async def read_names(self) -> Names:
+        """Return the names that exist; nobody called a tool for them."""
+        locations = await self._executor.carry_out("list_named_locations", {})
+        return names_in(locations, await self._executor.carry_out("arm_list_library", {}))
+
+    def log_failure(self, what: str) -> None:
+        """Note a defect."""
+        self._bridge.log_request(self._session, "error", f"voice: {what}")
 
     # -- calls --------------------------------------------------------------------------------------------------------
     def _receive_call(self, body: Any) -> None:
-        identifier, name, values = _identifier(body), body.get("name"), body.get("arguments", {})
+        identifier, name = _identifier(body), body.get("name")
+
+        def answer(response: dict[str, Any]) -> None:
+            self._send({"result": {"id": identifier, "name": clean(name), "response": response}})
+
+        if isinstance(name, str) and name in BY_NAME and BY_NAME[name].effect is Effect.STOP:
+            self._offline.drop()
+        self.begin_call(name, body.get("arguments", {}), answer)
+
+    def begin_call(self, name: Any, values: Any, answer: Answer) -> None:
+        """Judge a call, and carry it out; `answer` is called once with its response."""
         call = self._envelope.admit(name, values)
         if isinstance(call, Rejected):
-            self._reject(identifier, name, values, call)
+            self._reject(answer, name, values, call)
         else:
             if call.tool.effect is Effect.STOP:
                 self._envelope.cancel()
                 self._interrupt()
             elif call.tool.needs_control and self._envelope.turns.is_answerable:
                 self._robot.take_control()
-            self._start(identifier, call, values)
+            self._start(answer, call, values)
         self.push_state()
 
-    def _start(self, identifier: str, call: Call, values: Any) -> None:
+    def _start(self, answer: Answer, call: Call, values: Any) -> None:
         def finish(done: asyncio.Task[None]) -> None:
             del self._tasks[done]
             if done.cancelled():  # perhaps before it began
                 self._record(call.tool.name, values, INTERRUPTED)
-                self._answer(identifier, call.tool.name, {"ok": False, "error": INTERRUPTED})
+                answer({"ok": False, "error": INTERRUPTED})
             elif (error := done.exception()) is not None:
                 self._bridge.log_request(self._session, "error", f"voice {call.tool.name}: {error!r}")
-                self._answer(identifier, call.tool.name, {"ok": False, "error": "the console failed; see its log"})
+                answer({"ok": False, "error": "the console failed; see its log"})
             self.push_state()
 
-        task = asyncio.ensure_future(self._carry_out(identifier, call, values, self._robot.command_refusal()))
+        task = asyncio.ensure_future(self._carry_out(answer, call, values, self._robot.command_refusal()))
         self._tasks[task] = call
         task.add_done_callback(finish)
 
@@ -138,28 +223,31 @@ class VoiceSession:
             if call.tool.needs_control:
                 task.cancel()
 
-    async def _carry_out(self, identifier: str, call: Call, values: Any, arrived: Refusal) -> None:
+    async def _carry_out(self, answer: Answer, call: Call, values: Any, arrived: Refusal) -> None:
         name = call.tool.name
         if call.tool.effect is Effect.STOP:
             self._record(name, call.arguments)
-            self._answer(identifier, name, await self._executor.carry_out(name, call.arguments))
+            answer(await self._executor.carry_out(name, call.arguments))
             return
         async with self._order:
-            verdict = self._envelope.judge(call, await self._robot.situation(call.tool, arrived))
+            situation = await self._robot.situation(call.tool, arrived)
+            if self._is_closed:
+                situation = replace(situation, estop=(*situation.estop, PAGE_CLOSED))
+            verdict = self._envelope.judge(call, situation)
             if isinstance(verdict, Rejected) and verdict.is_read_back:
                 unknown = await self._executor.find_unknown_name(name, call.arguments)
                 if unknown is not None:
                     self._envelope.cancel()
                     verdict = Rejected(unknown)
             if isinstance(verdict, Rejected):
-                self._reject(identifier, name, values, verdict)
+                self._reject(answer, name, values, verdict)
             else:
                 self._record(name, verdict)
-                self._answer(identifier, name, await self._executor.carry_out(name, verdict))
+                answer(await self._executor.carry_out(name, verdict))
 
-    def _reject(self, identifier: str, name: Any, values: Any, rejected: Rejected) -> None:
+    def _reject(self, answer: Answer, name: Any, values: Any, rejected: Rejected) -> None:
         self._record(name, values, rejected.reason)
-        self._answer(identifier, name, rejected.result)
+        answer(rejected.result)
         if rejected.cut_off and not self._state["cut_off"]:
             if self._robot.is_driving:
                 self._robot.stop_wheels()
@@ -171,9 +259,6 @@ class VoiceSession:
         self._bridge.record(self._session.name, f"voice {called[:_MAX_ID]} {short_repr(arguments)}", refused=refused)
 
     # -- to the client ------------------------------------------------------------------------------------------------
-    def _answer(self, identifier: str, name: Any, response: dict[str, Any]) -> None:
-        self._send({"result": {"id": identifier, "name": clean(name), "response": response}})
-
     def push_state(self) -> None:
         """Send the state of the session if it has changed."""
         turns = self._envelope.turns
@@ -187,6 +272,7 @@ class VoiceSession:
             "max_angular_rps": angular_rps,
             "is_driving": self._robot.is_driving,
             "waiting": len(self._tasks),
+            "listener": {"state": self._hearing.state.name, "reason": self._hearing.state.reason},
         }
         if state != self._state:
             self._state = state

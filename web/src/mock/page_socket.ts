@@ -13,6 +13,7 @@ export interface PageServer {
 
 export class PageSocket implements MessageSocket {
   binaryType = "";
+  readonly bufferedAmount = 0;
   onopen: (() => void) | null = null;
   onmessage: ((event: { data: unknown }) => void) | null = null;
   onclose: ((event: { code: number; reason: string }) => void) | null = null;
@@ -30,9 +31,10 @@ export class PageSocket implements MessageSocket {
     }, OPENS_AFTER_MS);
   }
 
-  send(text: string): void {
+  /** Sound is dropped: no server of the page hears it. */
+  send(data: string | ArrayBuffer): void {
     if (!this.isOpen) throw new Error("the socket is not open");
-    setTimeout(() => !this.isClosed && this.end.received(text), ANSWERS_AFTER_MS);
+    if (typeof data === "string") setTimeout(() => !this.isClosed && this.end.received(data), ANSWERS_AFTER_MS);
   }
 
   /** Send to the client. */

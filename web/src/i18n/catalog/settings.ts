@@ -42,6 +42,8 @@ const en = {
   setting_polarityInvertHmi_hint: "Only for a robot whose motors are wired backwards",
   setting_armRateDegPerSec: "Speed of the sliders",
   setting_armServoNamespace: "Namespace of the servos",
+  setting_voiceEngine: "Voice agent",
+  setting_voiceEngine_hint: "Automatic: a model where there is a key, else the console itself",
   setting_voiceLanguage: "Language of speech",
   setting_voicePushToTalk: "Push to talk",
   setting_voiceVadEnabled: "Detect speech",
@@ -76,6 +78,8 @@ const en = {
   choice_light: "Light",
   choice_normal: "Normal",
   choice_high: "High",
+  choice_auto: "Automatic",
+  choice_offline: "Offline",
 };
 
 const nl: Record<keyof typeof en, string> = {
@@ -122,6 +126,8 @@ const nl: Record<keyof typeof en, string> = {
   setting_polarityInvertHmi_hint: "Alleen voor een robot met omgekeerd aangesloten motoren",
   setting_armRateDegPerSec: "Snelheid van de schuiven",
   setting_armServoNamespace: "Namespace van de servo's",
+  setting_voiceEngine: "Spraakassistent",
+  setting_voiceEngine_hint: "Automatisch: een model als er een sleutel is, anders de console zelf",
   setting_voiceLanguage: "Spreektaal",
   setting_voicePushToTalk: "Indrukken om te praten",
   setting_voiceVadEnabled: "Spraak herkennen",
@@ -156,6 +162,8 @@ const nl: Record<keyof typeof en, string> = {
   choice_light: "Licht",
   choice_normal: "Normaal",
   choice_high: "Hoog",
+  choice_auto: "Automatisch",
+  choice_offline: "Offline",
 };
 
 export const settings = { en, nl };

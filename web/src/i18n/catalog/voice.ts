@@ -18,7 +18,8 @@ const en = {
 
   voice_closed: "This page cannot drive yet: what moves the robot is refused until you hold “Hold to start driving”.",
   voice_about_off: "Start a conversation with the robot. It ends when you leave this tab.",
-  voice_about_scripted_only: "No key for the Gemini API is stored. A script can show how it works: it reads the robot's state and moves nothing.",
+  voice_about_off_offline: "The console itself understands set phrases, such as “what is the battery” or “go to the sink”, without the internet. The conversation ends when you leave this tab.",
+  voice_about_scripted_only: "A script can show how it works: it reads the robot's state and moves nothing.",
   voice_about_connecting: "The page connects to the model. What you say now waits.",
   voice_about_link_lost: "The page has no link to the console, so no tool is carried out. The stop button on the robot still works.",
   voice_about_refused: "Its tools are refused for this turn: {reason}. Say or type something to go on.",
@@ -26,12 +27,14 @@ const en = {
   voice_about_hearing_open: "Pause to send.",
   voice_about_hearing_toggle: "Press again to send.",
   voice_about_thinking: "The model has your turn.",
+  voice_about_thinking_offline: "The console has your turn.",
   voice_about_speaking: "Speak or press to interrupt.",
   voice_about_stopped: "The robot is stopped. You can talk; what moves the robot is refused until you release the stop.",
   voice_about_listening_hold: "Hold the button and speak.",
   voice_about_listening_open: "The microphone is open: speak.",
   voice_about_listening_toggle: "Press the button and speak.",
   voice_about_typing: "There is no microphone. Type what you want.",
+  voice_about_typing_only: "The console understands speech in English only. Type what you want.",
 
   voice_start: "Start",
   voice_start_script: "Start the script",
@@ -48,8 +51,14 @@ const en = {
   voice_send: "Send",
   voice_ends_with_tab: "The conversation ends when you leave this tab.",
 
-  voice_script_title: "A script answers, not a model",
-  voice_script_explained: "It does not understand what you say. It reads the robot's state and moves nothing.",
+  voice_stops_off: "Words for stopping are not heard now.",
+  voice_stops_starting: "The console gets ready to hear words for stopping.",
+  voice_stops_ready: "“Stop”, “halt” and “nee” stop the robot at once: the console hears them.",
+  voice_stops_missing: "The console hears no words for stopping. On its computer type: pip install 'lupin[voice]'",
+  voice_stops_failed: "The console hears no words for stopping any more:",
+  voice_stops_busy: "The console does not hear this microphone:",
+  voice_stop_heard: "Stop, as this was heard: {heard}",
+
   voice_script_mock: "A script answers, and the robot is a mock",
   voice_script_mock_explained: "No model listens, and no robot is connected: nothing here is real.",
 
@@ -91,6 +100,7 @@ const en = {
 
   voice_setup: "Setup",
   voice_model: "Model",
+  voice_engine_offline: "Offline, on the console",
   voice_more_settings: "Language, speeds, detection",
   voice_language: "Language",
   voice_limits: "Limits",
@@ -100,6 +110,7 @@ const en = {
 
   voice_need_key: "Key of the Gemini API",
   voice_key_none: "None is stored. On the computer of the console type: lupin console voice set-key",
+  voice_key_offline: "None is needed: the console itself understands set phrases, typed in English or Dutch, and spoken in English. For a model type on its computer: lupin console voice set-key",
   voice_key_console: "Stored by the console. This browser gets a token that is good for one connection.",
   voice_key_problem: "The console could not say whether it has a key: {reason}",
   voice_key_kept: "Stored in this browser.",
@@ -149,7 +160,8 @@ const nl: Record<keyof typeof en, string> = {
 
   voice_closed: "Deze pagina kan nog niet rijden: wat de robot beweegt, wordt geweigerd tot u “Ingedrukt houden om te rijden” ingedrukt houdt.",
   voice_about_off: "Begin een gesprek met de robot. Het eindigt zodra u dit tabblad verlaat.",
-  voice_about_scripted_only: "Er is geen sleutel voor de Gemini-API bewaard. Een script kan tonen hoe het werkt: het leest de toestand van de robot en beweegt niets.",
+  voice_about_off_offline: "De console zelf verstaat vaste zinnen, zoals “wat is de batterij” of “ga naar de gootsteen”, zonder internet. Het gesprek eindigt zodra u dit tabblad verlaat.",
+  voice_about_scripted_only: "Een script kan tonen hoe het werkt: het leest de toestand van de robot en beweegt niets.",
   voice_about_connecting: "De pagina maakt verbinding met het model. Wat u nu zegt, wacht even.",
   voice_about_link_lost: "De pagina heeft geen verbinding met de console, dus er wordt niets uitgevoerd. De stopknop van de robot werkt nog.",
   voice_about_refused: "Opdrachten worden deze beurt geweigerd: {reason}. Zeg of typ iets om verder te gaan.",
@@ -157,12 +169,14 @@ const nl: Record<keyof typeof en, string> = {
   voice_about_hearing_open: "Zwijg even om te verzenden.",
   voice_about_hearing_toggle: "Druk nog eens om te verzenden.",
   voice_about_thinking: "Het model heeft uw beurt.",
+  voice_about_thinking_offline: "De console heeft uw beurt.",
   voice_about_speaking: "Spreek of druk om te onderbreken.",
   voice_about_stopped: "De robot is gestopt. U kunt praten; wat de robot beweegt, wordt geweigerd tot u de stop vrijgeeft.",
   voice_about_listening_hold: "Houd de knop ingedrukt en spreek.",
   voice_about_listening_open: "De microfoon staat open: spreek.",
   voice_about_listening_toggle: "Druk op de knop en spreek.",
   voice_about_typing: "Er is geen microfoon. Typ wat u wilt.",
+  voice_about_typing_only: "De console verstaat spraak alleen in het Engels. Typ wat u wilt.",
 
   voice_start: "Starten",
   voice_start_script: "Script starten",
@@ -179,8 +193,14 @@ const nl: Record<keyof typeof en, string> = {
   voice_send: "Verzenden",
   voice_ends_with_tab: "Het gesprek eindigt zodra u dit tabblad verlaat.",
 
-  voice_script_title: "Een script antwoordt, geen model",
-  voice_script_explained: "Het begrijpt niet wat u zegt. Het leest de toestand van de robot en beweegt niets.",
+  voice_stops_off: "Stopwoorden worden nu niet gehoord.",
+  voice_stops_starting: "De console maakt zich klaar om stopwoorden te horen.",
+  voice_stops_ready: "“Stop”, “halt” en “nee” stoppen de robot meteen: de console hoort ze.",
+  voice_stops_missing: "De console hoort geen stopwoorden. Typ op die computer: pip install 'lupin[voice]'",
+  voice_stops_failed: "De console hoort geen stopwoorden meer:",
+  voice_stops_busy: "De console luistert niet naar deze microfoon:",
+  voice_stop_heard: "Stop, want dit werd gehoord: {heard}",
+
   voice_script_mock: "Een script antwoordt, en de robot is nagebootst",
   voice_script_mock_explained: "Er luistert geen model en er is geen robot: niets hier is echt.",
 
@@ -222,6 +242,7 @@ const nl: Record<keyof typeof en, string> = {
 
   voice_setup: "Instelling",
   voice_model: "Model",
+  voice_engine_offline: "Offline, op de console",
   voice_more_settings: "Taal, snelheden, spraakherkenning",
   voice_language: "Taal",
   voice_limits: "Grenzen",
@@ -231,6 +252,7 @@ const nl: Record<keyof typeof en, string> = {
 
   voice_need_key: "Sleutel van de Gemini-API",
   voice_key_none: "Er is er geen bewaard. Typ op de computer van de console: lupin console voice set-key",
+  voice_key_offline: "Niet nodig: de console zelf verstaat vaste zinnen, getypt in het Engels of Nederlands, en gesproken in het Engels. Typ voor een model op die computer: lupin console voice set-key",
   voice_key_console: "Bewaard door de console. Deze browser krijgt een token voor één verbinding.",
   voice_key_problem: "De console kon niet zeggen of er een sleutel is: {reason}",
   voice_key_kept: "Bewaard in deze browser.",

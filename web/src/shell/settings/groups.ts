@@ -16,6 +16,7 @@ export const GROUPS: readonly Group[] = [
   {
     title: "settings_voice",
     names: [
+      "voiceEngine",
       "voiceLanguage",
       "voicePushToTalk",
       "voiceVadEnabled",

@@ -6,6 +6,30 @@ import type { FunctionCall } from "./live/server_frame";
 export type TurnKind = "speech" | "text" | "button";
 export type ToolResult = Record<string, unknown>;
 
+/** Whether the console hears this page's microphone, and if not, why. */
+export interface ListenerState {
+  state: "off" | "starting" | "ready" | "missing" | "failed" | "busy";
+  reason: string;
+}
+
+/** What the console listens for, and from which loudness on, 0 to 1. */
+export interface Listening {
+  mode: "stops" | "commands";
+  startLevel: number;
+  endLevel: number;
+}
+
+/** What came of a sentence to the agent without a model. */
+export interface Reply {
+  id: string;
+  /** For people, in English. */
+  message: string;
+  call: { tool: string; arguments: Record<string, unknown> } | null;
+  response: ToolResult | null;
+  /** What waits for a yes; empty if nothing does. */
+  readBack: string;
+}
+
 /** The state of the session as the console sends it. */
 export interface ConsoleState {
   /** Why calls are refused for the rest of the turn; empty if they are not. */
@@ -15,6 +39,7 @@ export interface ConsoleState {
   maxAngularRps: number;
   /** Whether a burst of velocity is running. */
   isDriving: boolean;
+  listener: ListenerState;
 }
 
 export interface ConsoleListener {
@@ -23,6 +48,13 @@ export interface ConsoleListener {
   lost(): void;
   /** Another tab of this browser has the voice agent now. */
   moved(): void;
+  /** A word for stopping was heard, and the stop is engaged. */
+  stopHeard(text: string): void;
+  /** A turn in speech was recognized for the agent without a model; `problem` says why it is not acted on. */
+  heard(id: string, text: string, problem: string): void;
+  replied(reply: Reply): void;
+  /** The sound of a reply. */
+  spoken(sound: ArrayBuffer): void;
 }
 
 /** What the model is told of a call whose outcome nobody knows. */
@@ -31,6 +63,11 @@ const RETRY_AFTER_MS = 1500;
 /** A socket that the server closes for another one of the same browser. */
 const POLICY_VIOLATION = 1008;
 const MAX_CHARACTERS = 1_000_000;
+/** Half a second of sound: where the network takes no more, what waits would be too old for a stop. */
+const MAX_BUFFERED_BYTES = 16_000;
+/** The console would drop each frame. */
+const DEAF_STATES: readonly ListenerState["state"][] = ["missing", "failed", "busy"];
+const LISTENER_STATES: readonly string[] = ["off", "starting", "ready", "missing", "failed", "busy"] satisfies ListenerState["state"][];
 
 type Fields = Record<string, unknown>;
 
@@ -40,6 +77,8 @@ export class ConsoleLink {
   private isOver = false;
   private pending = new Map<string, (result: ToolResult) => void>();
   private timer: ReturnType<typeof setTimeout> | undefined;
+  private listening: Listening | null = null;
+  private isHeard = true;
 
   constructor(
     private readonly url: string,
@@ -50,11 +89,13 @@ export class ConsoleLink {
   start(): void {
     const socket = this.open(this.url);
     this.socket = socket;
+    socket.binaryType = "arraybuffer";
     const isCurrent = () => this.socket === socket;
     socket.onopen = () => {
       if (!isCurrent()) return;
       this.isOpen = true;
       this.listener.opened();
+      this.requestListening();
     };
     socket.onmessage = ({ data }) => isCurrent() && this.take(data);
     socket.onclose = ({ code }) => isCurrent() && this.lost(code === POLICY_VIOLATION);
@@ -89,11 +130,50 @@ export class ConsoleLink {
     });
   }
 
+  /** Have the console hear the microphone from now on, over each connection; null ends it. */
+  listen(listening: Listening | null): void {
+    const wasListening = this.listening !== null;
+    this.listening = listening;
+    if (listening !== null) this.requestListening();
+    else if (wasListening) this.send({ listen: { mode: "off" } });
+  }
+
+  /** Send a frame of the microphone: 50 ms of mono PCM of 16 bits at 16 kHz. */
+  sendSound(frame: Int16Array): void {
+    if (this.listening === null || !this.isHeard || !this.isOpen || this.socket === null || this.socket.bufferedAmount > MAX_BUFFERED_BYTES) return;
+    this.socket.send(new Int16Array(frame).buffer);
+  }
+
+  /** Say a sentence to the agent without a model, as a turn with this id. */
+  say(id: string, sentence: string, language: "en" | "nl"): void {
+    this.send({ say: { id, text: sentence, language } });
+  }
+
+  /** Answer what that agent has read back, by a button. */
+  answer(id: string, agrees: boolean): void {
+    this.send({ answer: { id, agrees } });
+  }
+
+  /** Tell the console whether this page may not move the robot. */
+  setClosed(isClosed: boolean): void {
+    this.send({ closed: isClosed });
+  }
+
+  private requestListening(): void {
+    if (this.listening === null) return;
+    const { mode, startLevel, endLevel } = this.listening;
+    this.send({ listen: { mode, start_level: startLevel, end_level: endLevel } });
+  }
+
   private send(message: object): void {
     if (this.isOpen) this.socket?.send(JSON.stringify(message));
   }
 
   private take(data: unknown): void {
+    if (data instanceof ArrayBuffer) {
+      this.listener.spoken(data);
+      return;
+    }
     const message = typeof data === "string" && data.length <= MAX_CHARACTERS ? parsed(data) : null;
     const result = fields(message?.["result"]);
     const state = fields(message?.["state"]);
@@ -102,7 +182,16 @@ export class ConsoleLink {
       this.pending.delete(result["id"]);
       resolve?.(fields(result["response"]) ?? { ok: false, error: LINK_LOST });
     }
-    if (state !== null) this.listener.changed(readState(state));
+    if (state !== null) this.changed(readState(state));
+    const [heard, reply, stop] = [fields(message?.["heard"]), fields(message?.["reply"]), message?.["stop_heard"]];
+    if (typeof stop === "string") this.listener.stopHeard(stop);
+    if (heard !== null) this.listener.heard(asText(heard["id"]), asText(heard["text"]), asText(heard["problem"]));
+    if (reply !== null) this.listener.replied(readReply(reply));
+  }
+
+  private changed(state: ConsoleState): void {
+    this.isHeard = !DEAF_STATES.includes(state.listener.state);
+    this.listener.changed(state);
   }
 
   private lost(isMoved: boolean): void {
@@ -135,7 +224,28 @@ function readState(state: Fields): ConsoleState {
     maxLinearMps: number(state["max_linear_mps"], 0),
     maxAngularRps: number(state["max_angular_rps"], 0),
     isDriving: state["is_driving"] === true,
+    listener: readListener(fields(state["listener"]) ?? {}),
   };
+}
+
+function readListener({ state, reason }: Fields): ListenerState {
+  const isKnown = typeof state === "string" && LISTENER_STATES.includes(state);
+  return { state: isKnown ? (state as ListenerState["state"]) : "off", reason: asText(reason) };
+}
+
+function readReply(reply: Fields): Reply {
+  const call = fields(reply["call"]);
+  return {
+    id: asText(reply["id"]),
+    message: asText(reply["message"]),
+    call: call === null ? null : { tool: asText(call["tool"]), arguments: fields(call["arguments"]) ?? {} },
+    response: fields(reply["response"]),
+    readBack: asText(reply["read_back"]),
+  };
+}
+
+function asText(value: unknown): string {
+  return typeof value === "string" ? value : "";
 }
 
 function number(value: unknown, otherwise: number): number {

@@ -226,6 +226,66 @@ describe("an interrupted answer", () => {
   });
 });
 
+describe("the sound of the microphone", () => {
+  const FRAME = new Int16Array(800).fill(7);
+  const LISTENING = { mode: "stops" as const, startLevel: 0.02, endLevel: 0.012 };
+
+  it("goes to the console between turns and while the agent speaks", async () => {
+    const { conversation, live, desk } = await begun();
+    conversation.overhear(FRAME);
+    expect(desk.frames).toHaveLength(0);
+    conversation.listen(LISTENING);
+    expect(desk.sent.at(-1)).toEqual({ listen: { mode: "stops", start_level: 0.02, end_level: 0.012 } });
+    conversation.overhear(FRAME);
+    conversation.say("hello");
+    live.deliver(AUDIO);
+    conversation.overhear(FRAME);
+    expect(desk.frames.map((frame) => [...new Int16Array(frame)])).toEqual([[...FRAME], [...FRAME]]);
+    expect(kinds(live)).toEqual(["clientContent"]);
+  });
+
+  it("is dropped where the network takes no more", async () => {
+    const { conversation, desk } = await begun();
+    conversation.listen(LISTENING);
+    desk.bufferedAmount = 20_000;
+    conversation.overhear(FRAME);
+    expect(desk.frames).toHaveLength(0);
+  });
+
+  it("is not sent where the console hears nothing", async () => {
+    const { conversation, desk } = await begun();
+    conversation.listen(LISTENING);
+    for (const state of ["starting", "missing", "failed", "busy", "ready"]) {
+      desk.deliver({ state: { listener: { state, reason: "" } } });
+      conversation.overhear(FRAME);
+    }
+    expect(desk.frames).toHaveLength(2);
+  });
+
+  it("is listened to again by a console that was away, and no longer once it ends", async () => {
+    const { conversation, desk } = await begun();
+    conversation.listen(LISTENING);
+    desk.end(1006);
+    conversation.overhear(FRAME);
+    await vi.advanceTimersByTimeAsync(1500);
+    desk.open();
+    expect(desk.sent.filter(({ listen }) => listen !== undefined)).toHaveLength(2);
+    conversation.listen(null);
+    expect(desk.sent.at(-1)).toEqual({ listen: { mode: "off" } });
+    conversation.overhear(FRAME);
+    expect(desk.frames).toHaveLength(0);
+  });
+
+  it("with a word for stopping silences the agent, and is noted", async () => {
+    const { desk, player } = await begun();
+    desk.deliver({ state: { listener: { state: "ready", reason: "" } } });
+    expect(view().console?.listener).toEqual({ state: "ready", reason: "" });
+    desk.deliver({ stop_heard: "please stop" });
+    expect(player.flush).toHaveBeenCalled();
+    expect(view().transcript.at(-1)).toMatchObject({ who: "page" });
+  });
+});
+
 describe("what was read back", () => {
   async function readBack() {
     const all = await begun();

@@ -8,10 +8,11 @@ import { TextError } from "@/i18n/text_error";
 import type { MessageSocket } from "@/api/sockets";
 import { fromBase64, toBase64 } from "./audio/pcm";
 import type { Player } from "./audio/player";
-import { ConsoleLink, type ConsoleListener, MOVED, type ToolResult, type TurnKind } from "./console_link";
+import { ConsoleLink, type ConsoleListener, type Listening, MOVED, type ToolResult, type TurnKind } from "./console_link";
 import { LiveClient, type LiveListener } from "./live/live_client";
 import type { LiveModel } from "./live/models";
 import type { FunctionCall, ServerFrame } from "./live/server_frame";
+import type { Talk } from "./talk";
 import { CONFIRM_WITHIN_MS, type Latency, type VoiceView, closed, extended, outcome, useVoice, withCall, withEntry, withResult } from "./voice_store";
 
 export interface ConversationParts {
@@ -42,7 +43,7 @@ interface Turn {
 /** As many calls of a turn are answered with a refusal of this page; then the model gets no more answers in it. */
 const MAX_REFUSALS = 8;
 
-export class Conversation {
+export class Conversation implements Talk {
   private readonly live: LiveClient;
   private readonly console: ConsoleLink;
   private readonly now: () => number;
@@ -99,6 +100,14 @@ export class Conversation {
   /** A frame of the microphone, while the operator is speaking. */
   hear(frame: Int16Array): void {
     if (this.view.isOperatorSpeaking) this.live.sendAudio(toBase64(frame));
+  }
+
+  listen(listening: Listening | null): void {
+    this.console.listen(listening);
+  }
+
+  overhear(frame: Int16Array): void {
+    this.console.sendSound(frame);
   }
 
   endSpeech(): void {
@@ -241,6 +250,14 @@ export class Conversation {
     changed: (state) => this.show({ console: state }),
     lost: () => this.show({ isConsoleOpen: false, console: null, readBack: null }),
     moved: () => this.fail(MOVED),
+    stopHeard: (heard) => {
+      this.silence();
+      this.show({ transcript: withEntry(this.view.transcript, "page", this.parts.inWords(new TextError("voice_stop_heard", { heard }))) });
+    },
+    // Only the agent without a model has these.
+    heard: () => {},
+    replied: () => {},
+    spoken: () => {},
   };
 
   private async carryOut(call: FunctionCall, byOperator: boolean): Promise<ToolResult> {

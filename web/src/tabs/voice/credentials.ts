@@ -1,12 +1,13 @@
-/** By what the page reaches the voice service: a token of the console, a key of this browser, or a script instead. */
+/** What answers the operator: a model, by a token of the console or a key of this browser; the console itself; or a script. */
 import { create } from "zustand";
 import { getJson, postJson } from "@/api/http";
 import { type MessageSocket, openScriptedAgent, openSocket } from "@/api/sockets";
 import { IS_MOCK } from "@/environment";
 import { TextError } from "@/i18n/text_error";
+import { useSetting } from "@/state/settings";
 import { useVoiceKey } from "./voice_key";
 
-export type Credential = "console" | "browser" | "script";
+export type Credential = "console" | "browser" | "offline" | "script";
 
 const SERVICE_URL = "wss://generativelanguage.googleapis.com/ws/google.ai.generativelanguage.v1beta.GenerativeService.BidiGenerateContent";
 
@@ -23,17 +24,21 @@ export async function loadConsoleKey(): Promise<void> {
   }
 }
 
-/** The console's key comes first: it never leaves that computer. No model is reached from the mock mode. */
-export function credential(isStoredByConsole: boolean | null, browserKey: string, isMock = IS_MOCK): Credential {
+/**
+ * The console's key comes first: it never leaves that computer. Without a key, or where the operator chose so, the console itself
+ * understands a grammar. No model is reached from the mock mode.
+ */
+export function credential(engine: string, isStoredByConsole: boolean | null, browserKey: string, isMock = IS_MOCK): Credential {
   if (isMock) return "script";
+  if (engine === "offline") return "offline";
   if (isStoredByConsole === true) return "console";
-  return browserKey !== "" ? "browser" : "script";
+  return browserKey !== "" ? "browser" : "offline";
 }
 
 export function useCredential(): Credential {
   const isStored = useConsoleKey((store) => store.isStored);
   const key = useVoiceKey((store) => store.key);
-  return credential(isStored, key);
+  return credential(useSetting("voiceEngine"), isStored, key);
 }
 
 /** Open a connection to the voice service. Throws ApiError, CommandRefused and TextError with what to tell the operator. */

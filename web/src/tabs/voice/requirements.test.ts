@@ -12,6 +12,7 @@ describe("what voice needs", () => {
 
   it("is named where it is missing", () => {
     expect(states({ by: "script" })[0]).toBe("voice_key_none");
+    expect(states({ by: "offline" })[0]).toBe("voice_key_offline");
     expect(states({ by: "browser", isKeyKept: false })[0]).toBe("voice_key_page_only");
     expect(states({ isSecure: false, hasMicrophone: false })[1]).toBe("voice_not_secure");
     expect(states({ hasMicrophone: false })[1]).toBe("voice_microphone_none");

@@ -18,7 +18,12 @@ export interface VoiceFacts {
 }
 
 export function requirements({ by, isKeyKept, isSecure, hasMicrophone }: VoiceFacts): Requirement[] {
-  const keys: Record<Credential, TextKey> = { console: "voice_key_console", browser: isKeyKept ? "voice_key_kept" : "voice_key_page_only", script: "voice_key_none" };
+  const keys: Record<Credential, TextKey> = {
+    console: "voice_key_console",
+    browser: isKeyKept ? "voice_key_kept" : "voice_key_page_only",
+    offline: "voice_key_offline",
+    script: "voice_key_none",
+  };
   return [
     { title: "voice_need_key", isMet: by !== "script", state: keys[by] },
     {

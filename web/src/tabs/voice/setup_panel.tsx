@@ -16,12 +16,15 @@ import { type Requirement, requirements } from "./requirements";
 import { useVoiceKey } from "./voice_key";
 import { useVoice } from "./voice_store";
 
+const SELECT = "min-h-10 min-w-0 rounded-md border border-line-strong bg-well px-2 text-text max-xl:min-h-11 disabled:text-text-3";
+
 /** What voice needs, by which model and in which language it speaks, and what it may do. */
 export function SetupPanel() {
   const text = useText();
   const by = useCredential();
   const isKeyKept = useVoiceKey((store) => store.isKept);
   const problem = useConsoleKey((store) => store.problem);
+  const engine = useSetting("voiceEngine");
   const model = useSetting("geminiModel");
   const language = useSetting("voiceLanguage");
   const linear = useSetting("voiceMaxLinearMps");
@@ -37,14 +40,28 @@ export function SetupPanel() {
   return (
     <Panel title={text("voice_setup")} className="shrink-0" bodyClassName="flex flex-col gap-4">
       <label className="flex items-center gap-3 text-text-2">
+        <span className="grow">{text("setting_voiceEngine")}</span>
+        <select
+          value={engine}
+          disabled={isOn}
+          onChange={(event) => {
+            changeSettings({ voiceEngine: event.target.value as typeof engine }).catch(showProblem);
+          }}
+          className={SELECT}
+        >
+          <option value="auto">{text("choice_auto")}</option>
+          <option value="offline">{text("voice_engine_offline")}</option>
+        </select>
+      </label>
+      <label className="flex items-center gap-3 text-text-2">
         <span className="grow">{text("voice_model")}</span>
         <select
           value={model}
-          disabled={isOn}
+          disabled={isOn || by === "offline"}
           onChange={(event) => {
             changeSettings({ geminiModel: event.target.value }).catch(showProblem);
           }}
-          className="min-h-10 min-w-0 rounded-md border border-line-strong bg-well px-2 text-text max-xl:min-h-11 disabled:text-text-3"
+          className={SELECT}
         >
           {/* The settings take any name, also of a model that is newer than this page. */}
           {(MODEL_NAMES.includes(model) ? MODEL_NAMES : [model, ...MODEL_NAMES]).map((name) => (

@@ -11,7 +11,7 @@ import { cn } from "@/ui/cn";
 import { fixed } from "@/ui/numbers";
 import { RobotWords } from "@/ui/robot_words";
 import { Segments } from "@/ui/segments";
-import { useCredential } from "./credentials";
+import { type Credential, useCredential } from "./credentials";
 import { TalkButton } from "./talk_button";
 import { type TalkMode, endTalk, endVoice, interruptAgent, startVoice, talkMode } from "./voice_session";
 import { type VoiceView, useVoice } from "./voice_store";
@@ -48,7 +48,7 @@ export function StatePanel({ isStopped, isClosed }: { isStopped: boolean; isClos
   const { icon: Icon, tone } = LOOKS[state];
   const isOn = view.session !== "off";
   // A script hears nothing, so an open microphone makes no turns; the button does.
-  const canHold = isOn && (view.microphone === "on" || view.isScripted);
+  const canHold = isOn && ((view.microphone === "on" && !view.isTypedOnly) || view.isScripted);
   const shownMode = view.isScripted && mode === "open" ? "hold" : mode;
 
   return (
@@ -60,9 +60,10 @@ export function StatePanel({ isStopped, isClosed }: { isStopped: boolean; isClos
             <Announced says={text(`voice_state_${state}`)}>{text(`voice_state_${state}`)}</Announced>
           </h2>
           <p className="mt-1 text-text-2">
-            <About state={state} mode={shownMode} view={view} text={text} />
+            <About state={state} by={by} mode={shownMode} view={view} text={text} />
           </p>
           {isOn && isClosed && !isStopped && <p className="mt-1 text-sm text-attention">{text("voice_closed")}</p>}
+          {isOn && view.microphone === "on" && <StopsHeard view={view} text={text} />}
           {isOn && view.microphoneProblem !== null && <p className="mt-1 text-sm text-attention">{errorText(view.microphoneProblem)}</p>}
         </div>
         {view.latency !== null && <LatencyOf latency={view.latency} text={text} />}
@@ -104,10 +105,13 @@ export function StatePanel({ isStopped, isClosed }: { isStopped: boolean; isClos
   );
 }
 
-function About({ state, mode, view, text }: { state: VoiceState; mode: TalkMode; view: VoiceView; text: Text }) {
+function About({ state, by, mode, view, text }: { state: VoiceState; by: Credential; mode: TalkMode; view: VoiceView; text: Text }) {
   if (state === "failed") return view.failure === null ? null : errorText(view.failure);
   if (state === "hearing") return text(`voice_about_hearing_${mode}`);
   if (state === "listening") return text(`voice_about_listening_${mode}`);
+  if (state === "typing" && view.isTypedOnly) return text("voice_about_typing_only");
+  if (state === "off" && by === "offline") return text("voice_about_off_offline");
+  if (state === "thinking" && by === "offline") return text("voice_about_thinking_offline");
   if (state !== "refused") return text(`voice_about_${state}`);
   const [before = "", after = ""] = text("voice_about_refused", { reason: "\n" }).split("\n");
   return (
@@ -116,6 +120,17 @@ function About({ state, mode, view, text }: { state: VoiceState; mode: TalkMode;
       <RobotWords words={view.console?.cutOff ?? ""} />
       {after}
     </>
+  );
+}
+
+/** Whether a word for stopping is heard at once, or why not. */
+function StopsHeard({ view, text }: { view: VoiceView; text: Text }) {
+  const { state, reason } = view.console?.listener ?? { state: "off" as const, reason: "" };
+  const isHeard = state === "ready";
+  return (
+    <p data-testid="voice-stops" data-state={state} className={cn("mt-1 text-sm", isHeard || state === "starting" ? "text-text-2" : "text-attention")}>
+      {text(`voice_stops_${state}`)} {(state === "failed" || state === "busy") && <RobotWords words={reason} />}
+    </p>
   );
 }
 

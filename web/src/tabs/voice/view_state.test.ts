@@ -3,7 +3,7 @@ import { type StateFacts, voiceState } from "./view_state";
 import { EMPTY_VIEW, type VoiceView } from "./voice_store";
 
 const ON: Partial<VoiceView> = { session: "on", isConsoleOpen: true, microphone: "on" };
-const CONSOLE = { cutOff: "", speedCap: 1, maxLinearMps: 0.3, maxAngularRps: 0.8, isDriving: false };
+const CONSOLE = { cutOff: "", speedCap: 1, maxLinearMps: 0.3, maxAngularRps: 0.8, isDriving: false, listener: { state: "off" as const, reason: "" } };
 const state = (view: Partial<VoiceView>, facts: Partial<StateFacts> = {}) => voiceState({ view: { ...EMPTY_VIEW, ...view }, hasKey: true, isStopped: false, isLinkLost: false, ...facts });
 
 describe("the state of the voice agent", () => {
@@ -17,6 +17,7 @@ describe("the state of the voice agent", () => {
     expect(state({ session: "connecting" })).toBe("connecting");
     expect(state(ON)).toBe("listening");
     expect(state({ ...ON, microphone: "off" })).toBe("typing");
+    expect(state({ ...ON, isTypedOnly: true })).toBe("typing");
     expect(state({ ...ON, microphone: "off", isScripted: true })).toBe("listening");
     expect(state({ ...ON, isOperatorSpeaking: true })).toBe("hearing");
     expect(state({ ...ON, isThinking: true })).toBe("thinking");

@@ -16,7 +16,7 @@ export type VoiceState =
   | "typing";
 
 export interface StateFacts {
-  view: Pick<VoiceView, "session" | "isConsoleOpen" | "console" | "failure" | "isOperatorSpeaking" | "isThinking" | "isAgentSpeaking" | "microphone" | "isScripted">;
+  view: Pick<VoiceView, "session" | "isConsoleOpen" | "console" | "failure" | "isOperatorSpeaking" | "isThinking" | "isAgentSpeaking" | "microphone" | "isTypedOnly" | "isScripted">;
   /** Whether a model can be reached: the console or this browser has a key. */
   hasKey: boolean;
   /** Whether the robot is stopped. */
@@ -34,5 +34,5 @@ export function voiceState({ view, hasKey, isStopped, isLinkLost }: StateFacts):
   if (view.isAgentSpeaking) return "speaking";
   if (view.isThinking) return "thinking";
   if (isStopped) return "stopped";
-  return view.microphone === "on" || view.isScripted ? "listening" : "typing";
+  return (view.microphone === "on" && !view.isTypedOnly) || view.isScripted ? "listening" : "typing";
 }

@@ -21,6 +21,8 @@ import { type Credential, openLive } from "./credentials";
 import { instruction } from "./instruction";
 import { liveModel } from "./live/models";
 import type { FunctionCall } from "./live/server_frame";
+import { OfflineConversation } from "./offline_conversation";
+import type { Talk } from "./talk";
 import { useVoice } from "./voice_store";
 
 const FRAME_MS = 50;
@@ -39,12 +41,15 @@ export function talkMode(pushToTalk: boolean, detectsSpeech: boolean): TalkMode 
 }
 
 class VoiceSession {
-  readonly conversation: Conversation;
+  readonly conversation: Talk;
   private readonly context = new AudioContext();
+  private readonly player = new Player(this.context as unknown as PlayerContext, (isPlaying) => this.conversation.playing(isPlaying));
   private microphone: Microphone | null = null;
   private isOver = false;
   private preroll: Int16Array[] = [];
   private talkedMs = 0;
+  /** Whether what the microphone hears began while the agent was speaking. */
+  private isOwnVoice = false;
   private names: { poses: string[]; sequences: string[] } = { poses: [], sequences: [] };
   private readonly endpointer = new Endpointer(() => ({
     startThreshold: setting("voiceVadStartThreshold"),
@@ -56,24 +61,20 @@ class VoiceSession {
   /** To be called by a gesture: browsers let only that begin to play. */
   constructor(private readonly by: Credential) {
     void this.context.resume();
+    const common = { consoleUrl: socketUrl("/_api/voice"), openConsole: openSocket, player: this.player, inWords: errorText, ended: () => endVoice() };
+    if (by === "offline") {
+      this.conversation = new OfflineConversation({ ...common, language: typedLanguage, isClosed });
+      return;
+    }
     const model = liveModel(setting("geminiModel"));
-    this.conversation = new Conversation({
-      openLive: () => openLive(by, model.name),
-      model,
-      instruction: () => this.instruction(),
-      consoleUrl: socketUrl("/_api/voice"),
-      openConsole: openSocket,
-      player: new Player(this.context as unknown as PlayerContext, (isPlaying) => this.conversation.playing(isPlaying)),
-      refusal,
-      inWords: errorText,
-      ended: () => endVoice(),
-    });
+    this.conversation = new Conversation({ ...common, openLive: () => openLive(by, model.name), model, instruction: () => this.instruction(), refusal });
   }
 
   async start(): Promise<void> {
-    useVoice.setState({ isScripted: this.by === "script", microphoneProblem: null, transcript: [], calls: [] });
+    useVoice.setState({ isScripted: this.by === "script", isTypedOnly: this.by === "offline" && typedLanguage() !== "en", microphoneProblem: null, transcript: [], calls: [] });
     const microphone = this.openMicrophone();
-    await Promise.race([this.loadLibrary(), new Promise((resolve) => setTimeout(resolve, LIBRARY_WITHIN_MS))]);
+    // The console itself knows the names.
+    if (this.by !== "offline") await Promise.race([this.loadLibrary(), new Promise((resolve) => setTimeout(resolve, LIBRARY_WITHIN_MS))]);
     if (!this.isOver) this.conversation.start();
     await microphone;
   }
@@ -88,9 +89,11 @@ class VoiceSession {
 
   /** Begin a turn in speech, of which a button or the endpointer is the cause. */
   beginTalk(): void {
-    const { isOperatorSpeaking, isConsoleOpen } = useVoice.getState();
-    if (isOperatorSpeaking || !isConsoleOpen) return;
+    const { isOperatorSpeaking, isConsoleOpen, isTypedOnly } = useVoice.getState();
+    if (isOperatorSpeaking || !isConsoleOpen || isTypedOnly) return;
     this.talkedMs = 0;
+    const listener = useVoice.getState().console?.listener.state;
+    if (listener === "failed" || listener === "busy") this.requestListening();
     this.conversation.beginSpeech();
     for (const frame of this.preroll) this.conversation.hear(frame);
     this.preroll = [];
@@ -104,6 +107,7 @@ class VoiceSession {
   private take(frame: Int16Array): void {
     const level = loudness(frame);
     useVoice.setState({ loudness: level });
+    this.conversation.overhear(frame);
     if (document.hidden) {
       // Nobody sees what the robot is told.
       if (useVoice.getState().isOperatorSpeaking) this.endTalk();
@@ -111,12 +115,21 @@ class VoiceSession {
     }
     const mode = talkMode(setting("voicePushToTalk"), setting("voiceVadEnabled"));
     const heard = mode === "open" ? this.endpointer.take(level, FRAME_MS) : null;
-    if (heard === "begin") this.beginTalk();
+    // A model takes its own voice for no command, but the grammar would.
+    if (heard === "begin") this.isOwnVoice = this.by === "offline" && this.player.isPlaying;
+    if (heard === "begin" && !this.isOwnVoice) this.beginTalk();
     if (useVoice.getState().isOperatorSpeaking) this.conversation.hear(frame);
     else this.preroll = [...this.preroll, frame].slice(-PREROLL_FRAMES);
     if (heard === "end") this.endTalk();
     this.talkedMs += FRAME_MS;
     if (mode !== "open" && this.talkedMs >= setting("voiceVadMaxUtteranceMs") && useVoice.getState().isOperatorSpeaking) this.endTalk();
+  }
+
+  /** Have the console hear the microphone: for words for stopping, and for commands where no model hears them. */
+  private requestListening(): void {
+    if (this.microphone === null) return;
+    const mode = this.by === "offline" && !useVoice.getState().isTypedOnly ? "commands" : "stops";
+    this.conversation.listen({ mode, startLevel: setting("voiceVadStartThreshold"), endLevel: setting("voiceVadEndThreshold") });
   }
 
   private async openMicrophone(): Promise<void> {
@@ -126,12 +139,14 @@ class VoiceSession {
     try {
       const ended = () => {
         this.endTalk();
+        this.conversation.listen(null);
         lost(new TextError("voice_microphone_ended"));
       };
       const microphone = await Microphone.open(this.context, (frame) => this.take(frame), ended);
       if (this.isOver) microphone.close();
       else {
         this.microphone = microphone;
+        this.requestListening();
         useVoice.setState({ microphone: "on" });
       }
     } catch (error) {
@@ -189,7 +204,7 @@ export function say(text: string): void {
 }
 
 export function confirmReadBack(): void {
-  if (mayCommand()) void session?.conversation.confirm();
+  if (mayCommand()) session?.conversation.confirm();
 }
 
 export function refuseReadBack(): void {
@@ -203,6 +218,21 @@ export function interruptAgent(): void {
 /** Fall silent, as at a stop. The microphone goes on. */
 export function silenceAgent(): void {
   session?.conversation.silence();
+}
+
+/** The language in which the agent without a model understands what is typed. What is said it understands in English only. */
+function typedLanguage(): "en" | "nl" {
+  return setting("voiceLanguage").toLowerCase().startsWith("nl") ? "nl" : "en";
+}
+
+/** As at the sticks: what this page has not released, and may not command, it moves by no other way. */
+function isClosed(): boolean {
+  try {
+    refuseCommand({});
+    return gate.engaged;
+  } catch {
+    return true;
+  }
 }
 
 /** Whether this page may command now; says why not. */

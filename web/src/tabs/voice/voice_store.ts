@@ -49,6 +49,8 @@ export interface VoiceView {
   isConsoleOpen: boolean;
   console: ConsoleState | null;
   microphone: "off" | "on";
+  /** Whether what is said is not understood, only what is typed; words for stopping are heard all the same. */
+  isTypedOnly: boolean;
   /** Why there is no microphone. */
   microphoneProblem: Error | null;
   isOperatorSpeaking: boolean;
@@ -70,6 +72,7 @@ export const EMPTY_VIEW: VoiceView = {
   isConsoleOpen: false,
   console: null,
   microphone: "off",
+  isTypedOnly: false,
   microphoneProblem: null,
   isOperatorSpeaking: false,
   isThinking: false,

@@ -1,6 +1,6 @@
 import { describe, expect, it, vi } from "vitest";
 import { Endpointer } from "./endpointer";
-import { fromBase64, loudness, toBase64, toInt16 } from "./pcm";
+import { fromBase64, fromPcm, loudness, toBase64, toInt16 } from "./pcm";
 import { Player } from "./player";
 import { Resampler } from "./resampler";
 
@@ -9,6 +9,11 @@ describe("PCM", () => {
     const samples = Int16Array.from([0, 1, -1, 32_767, -32_768, 1234]);
     expect([...fromBase64(toBase64(samples))].map(toInt16)).toEqual([...samples]);
     expect(fromBase64(toBase64(new Int16Array(20_000)))).toHaveLength(20_000);
+  });
+
+  it("comes as bytes, too", () => {
+    expect([...fromPcm(Int16Array.from([0, 16_384, -32_768]).buffer)]).toEqual([0, 0.5, -1]);
+    expect(fromPcm(new ArrayBuffer(3))).toHaveLength(1);
   });
 
   it("that is damaged is silent", () => {

@@ -27,6 +27,12 @@ export function fromBase64(base64: string): Float32Array<ArrayBuffer> {
   return samples;
 }
 
+/** Samples from -1 to 1 of little-endian PCM of 16 bits. Half a sample at the end is dropped. */
+export function fromPcm(bytes: ArrayBuffer): Float32Array<ArrayBuffer> {
+  const view = new DataView(bytes);
+  return Float32Array.from({ length: bytes.byteLength >> 1 }, (_, index) => view.getInt16(2 * index, true) / FULL_SCALE);
+}
+
 /** The root mean square, 0 to 1. */
 export function loudness(samples: Int16Array): number {
   if (samples.length === 0) return 0;

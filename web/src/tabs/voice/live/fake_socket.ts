@@ -3,14 +3,17 @@ import type { MessageSocket } from "@/api/sockets";
 
 export class FakeSocket implements MessageSocket {
   binaryType = "";
+  bufferedAmount = 0;
   onopen: (() => void) | null = null;
   onmessage: ((event: { data: unknown }) => void) | null = null;
   onclose: ((event: { code: number; reason: string }) => void) | null = null;
   readonly sent: Record<string, unknown>[] = [];
+  readonly frames: ArrayBuffer[] = [];
   isClosed = false;
 
-  send(text: string): void {
-    this.sent.push(JSON.parse(text) as Record<string, unknown>);
+  send(data: string | ArrayBuffer): void {
+    if (typeof data === "string") this.sent.push(JSON.parse(data) as Record<string, unknown>);
+    else this.frames.push(data);
   }
 
   close(): void {
@@ -22,7 +25,7 @@ export class FakeSocket implements MessageSocket {
   }
 
   deliver(message: unknown): void {
-    this.onmessage?.({ data: typeof message === "string" ? message : JSON.stringify(message) });
+    this.onmessage?.({ data: typeof message === "string" || message instanceof ArrayBuffer ? message : JSON.stringify(message) });
   }
 
   end(code: number, reason = ""): void {

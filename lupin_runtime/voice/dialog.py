@@ -1,4 +1,4 @@
-"""The dialog of `lupin voice`: each sentence becomes a call, an answer to a read-back, or a question to the operator."""
+"""A dialog without a model: each sentence becomes a call, an answer to a read-back, or a question to the operator."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from lupin_runtime.voice.tools import CONFIRMATION
 from lupin_runtime.voice.utterance import Call, Confirmation, Context, Question
 
 CANCELED = "canceled; nothing was done"
+NOTHING_READ_BACK = "nothing waits for an answer any more"
 _LONG_RESULT = 400
 # What each tool with an action `start` is called in a sentence, and the actions that end it.
 _ENDS = {"arm_record": ("save", "cancel"), "calibrate_arm": ("commit", "cancel")}
@@ -39,7 +40,7 @@ class Agent(Protocol):
 
 @dataclass(frozen=True)
 class Turn:
-    """A sentence of the operator: how it came, `text` or `speech`, and the id of its turn."""
+    """A sentence of the operator: how it came, `text`, `speech` or `button`, and the id of its turn."""
 
     sentence: str
     by: str
@@ -73,11 +74,11 @@ class Reply:
 
 
 class Dialog:
-    """Handles the sentences of one operator. Without an agent, calls are shown and not sent."""
+    """Handles the sentences of one operator in a language. Without an agent, calls are shown and not sent."""
 
     def __init__(self, agent: Agent | None, language: Language, names: Names) -> None:
         self._agent = agent
-        self._language = language
+        self.language = language
         self._context = Context(names)
         self._token = ""
 
@@ -95,17 +96,17 @@ class Dialog:
         """Do what a sentence asks for."""
         if self._agent is not None:
             self._context = replace(self._context, speed_cap=float(self._agent.state.get("speed_cap", 1.0)))
-        understood = parse(turn.sentence, self._context, self._language)
+        understood = parse(turn.sentence, self._context, self.language)
         if isinstance(understood, Question):
             return await self._ask(turn, understood)
         if isinstance(understood, Call):
-            self._forget()
+            self.forget()
             return await self._send(turn, understood, {})
-        return await self._answer(turn, understood)
+        return await self.answer(turn, understood)
 
     async def stop(self, turn: Turn) -> Reply:
         """Engage the e-stop, and forget what was read back. Another sentence may be in work meanwhile."""
-        self._forget()
+        self.forget()
         call = Call("engage_estop")
         if self._agent is None:
             return _show_call(turn, call)
@@ -121,17 +122,20 @@ class Dialog:
         hint = f" Say, for example: {'; '.join(question.nearest)}." if question.nearest else ""
         return Reply(turn.sentence, f"{_sentence(question.reason)}{hint}", False, nearest=question.nearest)
 
-    async def _answer(self, turn: Turn, answer: Confirmation) -> Reply:
+    async def answer(self, turn: Turn, answer: Confirmation) -> Reply:
+        """Carry out what was read back, or forget it."""
         pending, token = self._context.pending, self._token
-        assert pending is not None, "the grammar confirms only what is pending"
-        self._forget()
+        if pending is None:
+            return Reply(turn.sentence, NOTHING_READ_BACK, False)
+        self.forget()
         if answer.agrees:
             return await self._send(turn, pending, {CONFIRMATION.name: token})
         if self._agent is not None:
             await self._agent.interrupt()
         return Reply(turn.sentence, CANCELED, False, pending)
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
+        """Forget what was read back, as the console does at a stop."""
         self._context, self._token = replace(self._context, pending=None), ""
 
     async def _send(self, turn: Turn, call: Call, confirmation: Mapping[str, str]) -> Reply:
@@ -161,15 +165,20 @@ class Dialog:
         """Ask the console for the names that exist. Those of the arm are missing without its library."""
         assert self._agent is not None, "names of a dry run are given"
         locations = await self._agent.call("list_named_locations", {})
-        library = await self._agent.call("arm_list_library", {})
-        self._context = replace(
-            self._context,
-            names=Names(
-                tuple(_plain(each["name"]) for each in locations.get("locations", ())),
-                tuple(_plain(name) for name in library.get("poses", ())),
-                tuple(_plain(name) for name in library.get("sequences", ())),
-            ),
-        )
+        self.use_names(names_in(locations, await self._agent.call("arm_list_library", {})))
+
+    def use_names(self, names: Names) -> None:
+        """Let sentences use these names from now on."""
+        self._context = replace(self._context, names=names)
+
+
+def names_in(locations: Mapping[str, Any], library: Mapping[str, Any]) -> Names:
+    """Return the names in the responses of `list_named_locations` and `arm_list_library`."""
+    return Names(
+        tuple(_plain(each["name"]) for each in locations.get("locations", ())),
+        tuple(_plain(name) for name in library.get("poses", ())),
+        tuple(_plain(name) for name in library.get("sequences", ())),
+    )
 
 
 def _show_call(turn: Turn, call: Call) -> Reply:

@@ -1,19 +1,21 @@
-"""The dialog of `lupin voice` calls, reads back, asks again, and stops."""
+"""The dialog calls, reads back, asks again, and stops."""
 
 from __future__ import annotations
 
 import asyncio
+import uuid
 from collections.abc import Mapping
 from typing import Any
 
 import pytest
 
-from lupin_cli.run.voice_connection import new_identifier
-from lupin_cli.run.voice_dialog import CANCELED, Dialog, Reply, Turn, describe
+from lupin_runtime.voice.dialog import CANCELED, NOTHING_READ_BACK, Dialog, Reply, Turn, describe
+from lupin_runtime.voice.dutch import DUTCH
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.envelope import Envelope, Rejected, Situation
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.turns import TurnKind
+from lupin_runtime.voice.utterance import Confirmation
 
 LOCATIONS = [{"name": {"untrusted": "sink"}, "x": 1.0, "y": 2.0, "yaw": 0.0}]
 LIBRARY = {"ok": True, "poses": [{"untrusted": "high_look"}], "sequences": [{"untrusted": "water"}]}
@@ -55,7 +57,7 @@ class Operator:
         self.dialog = Dialog(console, ENGLISH, Names(("sink",), ("high_look",), ("water",)))
 
     def say(self, sentence: str, by: str = "text") -> Reply:
-        return asyncio.run(self.dialog.handle(Turn(sentence, by, new_identifier())))
+        return asyncio.run(self.dialog.handle(Turn(sentence, by, uuid.uuid4().hex)))
 
 
 @pytest.fixture
@@ -88,6 +90,19 @@ def test_no_forgets_what_was_read_back(operator: Operator, console: Console) -> 
     assert "nothing waits" in operator.say("yes").text.lower() and console.done == []
 
 
+@pytest.mark.parametrize("agrees", [True, False])
+def test_button_answers_what_was_read_back(operator: Operator, console: Console, agrees: bool) -> None:
+    operator.say("go to the sink")
+    reply = asyncio.run(operator.dialog.answer(Turn("", "button", "1"), Confirmation(agrees)))
+    assert reply.is_done is agrees and not operator.dialog.waits_for_answer
+    assert console.done == ([("nav_goto_named", {"name": "sink"})] if agrees else [])
+
+
+def test_button_without_a_read_back_does_nothing(operator: Operator, console: Console) -> None:
+    assert asyncio.run(operator.dialog.answer(Turn("", "button", "1"), Confirmation(True))).text == NOTHING_READ_BACK
+    assert console.done == []
+
+
 def test_another_command_replaces_what_was_read_back(operator: Operator, console: Console) -> None:
     operator.say("go to the sink")
     assert "Turn in place by +90 degrees" in operator.say("turn left ninety degrees").text
@@ -116,6 +131,12 @@ def test_stop_word_engages_the_estop_and_forgets(operator: Operator, console: Co
     assert console.done == [("engage_estop", {})] and not operator.dialog.waits_for_answer
     operator.say("do not stop")
     assert console.done == [("engage_estop", {})] * 2
+
+
+def test_another_language_is_understood_once_chosen(operator: Operator, console: Console) -> None:
+    assert not operator.say("lampen blauw").is_done
+    operator.dialog.language = DUTCH
+    assert operator.say("lampen blauw").is_done and console.done == [("set_light", {"color": "blue"})]
 
 
 def test_unknown_sentence_is_asked_again(operator: Operator, console: Console) -> None:

@@ -1,0 +1,145 @@
+"""The listener of a console, a process of its own: spots words for stopping in a page's sound, and recognizes turns.
+
+    python -m lupin_runtime.voice.listener
+
+It takes 350 MB and much of a core, so it runs only while a page is listened to, and ends with its standard input. Messages are
+those of `listener_protocol.py`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import IO, Any, Protocol
+
+from lupin_runtime.json_text import parse_json
+from lupin_runtime.voice.endpointer import FRAME_BYTES, FRAME_MS, Edge, EndpointerSettings
+from lupin_runtime.voice.grammar import has_stop_word
+from lupin_runtime.voice.listener_protocol import Kind, read_message
+from lupin_runtime.voice.speech import Recognizer, SpeechUnavailable, WhisperRecognizer, command_prompt
+from lupin_runtime.voice.spotting_endpointer import SpottingEndpointer
+
+_NICENESS = 5  # the console sends the velocities of bursts, and comes first
+_BEFORE_MS = 300  # of a turn: its first sound is below the page's threshold
+_MAX_TURN_MS = 30_000  # as much as Whisper hears
+_MAX_SENTENCES = 4  # that wait for the recognizer
+
+Emit = Callable[[dict[str, Any]], None]
+
+
+class TurnRecognizer(Recognizer, Protocol):
+    """Speech to text that expects what `prompt` has."""
+
+    prompt: str
+
+
+class Listener:
+    """Handles the messages of a console. Words for stopping count in all sound, whether it belongs to a turn or not.
+
+    The spotter does not find every stop in its short windows, so an utterance that is not part of a turn is recognized at its
+    end, too.
+    """
+
+    def __init__(self, recognizer: TurnRecognizer, emit: Emit) -> None:
+        self._recognizer = recognizer
+        self._emit = emit
+        self._settings = EndpointerSettings()
+        self._spotting = SpottingEndpointer(recognizer, self._stop, self._settings)
+        self._recent: deque[bytes] = deque(maxlen=_BEFORE_MS // FRAME_MS)
+        self._turn = ""  # id of the turn that is going on
+        self._turn_sound: deque[bytes] = deque(maxlen=_MAX_TURN_MS // FRAME_MS)
+        self._is_of_turn = False  # whether a part of the utterance belongs to a turn
+        self._has_stopped = False  # whether a word for stopping was spotted in the utterance
+        self._sentences = queue.Queue[tuple[str, bytes]](maxsize=_MAX_SENTENCES)
+        threading.Thread(target=self._recognize, name="lupin-listener-sentences", daemon=True).start()
+
+    def handle(self, kind: Kind, payload: bytes) -> None:
+        """Handle one message. A payload that is none is ignored."""
+        if kind is Kind.SOUND and len(payload) == FRAME_BYTES:
+            self._hear(payload)
+        elif kind is Kind.BEGIN:
+            self._turn = payload.decode(errors="replace")
+            self._turn_sound.clear()
+            self._turn_sound.extend(self._recent)
+        elif kind is Kind.END and payload.decode(errors="replace") == self._turn:
+            turn, self._turn = self._turn, ""
+            self._queue(turn, b"".join(self._turn_sound))
+        elif kind is Kind.SETUP:
+            self._set_up(parse_json(payload))
+
+    def _set_up(self, setup: dict[str, Any]) -> None:
+        self._recognizer.prompt = command_prompt(setup["names"])
+        settings = replace(self._settings, start_level=setup["start_level"], end_level=setup["end_level"])
+        if settings != self._settings:
+            self._settings = settings
+            self._spotting.configure(settings)
+
+    def _hear(self, frame: bytes) -> None:
+        self._recent.append(frame)
+        if self._turn:
+            self._turn_sound.append(frame)
+        edge = self._spotting.push(frame)
+        if edge is Edge.BEGIN:
+            self._is_of_turn = self._has_stopped = False
+        self._is_of_turn |= bool(self._turn)
+        if edge is Edge.END and not self._is_of_turn and not self._has_stopped:
+            self._queue("", self._spotting.utterance)
+
+    def _stop(self, text: str) -> None:
+        self._has_stopped = True
+        self._emit({"stop": text})
+
+    def _queue(self, turn: str, sound: bytes) -> None:
+        try:
+            self._sentences.put_nowait((turn, sound))
+        except queue.Full:
+            if turn:
+                self._emit({"heard": {"id": turn, "text": ""}})
+
+    def _recognize(self) -> None:
+        while True:
+            turn, sound = self._sentences.get()
+            text = self._recognizer.transcribe(sound) if sound else ""
+            if turn:
+                self._emit({"heard": {"id": turn, "text": text}})
+            elif has_stop_word(text):
+                self._emit({"stop": text})
+
+
+def run(create_recognizer: Callable[[], TurnRecognizer], source: IO[bytes], target: IO[bytes]) -> None:
+    """Listen until the source ends. The threads are daemons: a recognizer that hangs must not keep the process alive."""
+    lock = threading.Lock()
+
+    def emit(event: dict[str, Any]) -> None:
+        with lock, contextlib.suppress(BrokenPipeError):  # the console is gone, and so is this process in a moment
+            target.write(json.dumps(event).encode() + b"\n")
+            target.flush()
+
+    try:
+        recognizer = create_recognizer()
+    except SpeechUnavailable as error:
+        emit({"missing": str(error)})
+        return
+    listener = Listener(recognizer, emit)
+    emit({"ready": True})
+    while (message := read_message(source)) is not None:
+        listener.handle(*message)
+
+
+def main() -> None:
+    """Listen to standard input. What libraries print goes to standard error, out of the way of the events."""
+    os.nice(_NICENESS)
+    target = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    run(WhisperRecognizer, sys.stdin.buffer, target)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""Follows the sound of a microphone: finds its utterances, and spots words for stopping in them while somebody still speaks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from lupin_runtime.voice.endpointer import Edge, Endpointer, EndpointerSettings
+from lupin_runtime.voice.speech import Recognizer
+from lupin_runtime.voice.stop_spotter import StopSpotter
+
+
+class SpottingEndpointer:
+    """An endpointer whose utterances a stop-word spotter hears; `stop` is called from the spotter's thread."""
+
+    def __init__(self, recognizer: Recognizer, stop: Callable[[str], None], settings: EndpointerSettings | None = None) -> None:
+        self._endpointer = Endpointer(settings)
+        self._spotter = StopSpotter(recognizer, stop)
+
+    @property
+    def utterance(self) -> bytes:
+        """The sound of the present utterance, or of the last one."""
+        return self._endpointer.utterance
+
+    def push(self, frame: bytes) -> Edge | None:
+        """Take the next frame, and return the edge that it is, if any."""
+        edge = self._endpointer.push(frame)
+        if edge is Edge.BEGIN:
+            self._spotter.begin()
+        if self._endpointer.is_speaking:
+            self._spotter.update(self._endpointer.utterance)
+        return edge
+
+    def configure(self, settings: EndpointerSettings) -> None:
+        """Use other thresholds from the next frame on; an utterance that is going on ends."""
+        self._endpointer = Endpointer(settings)
+
+    def close(self) -> None:
+        """End the spotter, after the window that it hears now."""
+        self._spotter.close()

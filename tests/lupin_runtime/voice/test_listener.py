@@ -1,0 +1,162 @@
+"""The listener hears stops in all sound and turns between their marks; its messages are framed, and its events are lines."""
+
+from __future__ import annotations
+
+import io
+import json
+import queue
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lupin_runtime.voice.endpointer import FRAME_BYTES
+from lupin_runtime.voice.listener import Listener, run
+from lupin_runtime.voice.listener_protocol import Kind, MalformedMessage, encode, read_message
+from lupin_runtime.voice.speech import MISSING_PACKAGES, SpeechUnavailable
+from tests.support.fake_listener import SILENCE, LoudnessRecognizer, sound_of
+
+TIMEOUT_S = 20.0
+PAUSE = 20  # frames that end an utterance
+
+
+class Rig:
+    """A listener, and the events that it has sent."""
+
+    def __init__(self) -> None:
+        self.events: queue.Queue[dict[str, Any]] = queue.Queue()
+        self.recognizer = LoudnessRecognizer()
+        self.listener = Listener(self.recognizer, self.events.put)
+
+    def hear(self, frame: bytes, times: int = 1) -> None:
+        for _ in range(times):
+            self.listener.handle(Kind.SOUND, frame)
+
+    def mark(self, kind: Kind, identifier: str) -> None:
+        self.listener.handle(kind, identifier.encode())
+
+    def event(self) -> dict[str, Any]:
+        return self.events.get(timeout=TIMEOUT_S)
+
+    def say_until_stopped(self) -> dict[str, Any]:
+        """Go on saying a word for stopping until the spotter has heard it."""
+        while True:
+            self.hear(sound_of("stop"), 2)
+            try:
+                return self.events.get(timeout=0.05)
+            except queue.Empty:
+                continue
+
+
+@given(st.lists(st.tuples(st.sampled_from(Kind), st.binary(max_size=2000))))
+def test_messages_are_read_as_they_were_written(messages: list[tuple[Kind, bytes]]) -> None:
+    stream = io.BytesIO(b"".join(encode(kind, payload) for kind, payload in messages))
+    assert [message for _ in messages if (message := read_message(stream))] == messages
+    assert read_message(stream) is None
+
+
+@pytest.mark.parametrize("data", [b"x\0\0\0\0", b"s\xff\xff\xff\xff", b"{}\n{}\n"])
+def test_malformed_header_is_refused(data: bytes) -> None:
+    with pytest.raises(MalformedMessage):
+        read_message(io.BytesIO(data))
+
+
+def test_message_that_is_cut_short_is_the_end() -> None:
+    assert read_message(io.BytesIO(encode(Kind.SOUND, SILENCE)[:-1])) is None
+
+
+def test_stop_is_spotted_while_somebody_still_speaks() -> None:
+    rig = Rig()
+    assert rig.say_until_stopped() == {"stop": "stop"}
+    rig.hear(SILENCE, PAUSE)
+    rig.mark(Kind.BEGIN, "1")
+    rig.mark(Kind.END, "1")
+    assert rig.event() == {"heard": {"id": "1", "text": ""}}  # and no second stop before it
+
+
+def test_stop_is_spotted_within_a_turn() -> None:
+    rig = Rig()
+    rig.mark(Kind.BEGIN, "1")
+    assert rig.say_until_stopped() == {"stop": "stop"}
+    rig.mark(Kind.END, "1")
+    assert rig.event() == {"heard": {"id": "1", "text": "stop"}}
+
+
+def test_stop_that_windows_miss_is_found_at_the_end() -> None:
+    rig = Rig()
+    rig.hear(sound_of("hold"), 8)
+    rig.hear(SILENCE, PAUSE)
+    assert rig.event() == {"stop": "halt"}
+
+
+def test_speech_outside_turns_is_no_sentence() -> None:
+    rig = Rig()
+    rig.hear(sound_of("what is the battery"), 8)
+    rig.hear(SILENCE, PAUSE)
+    rig.mark(Kind.BEGIN, "1")
+    rig.mark(Kind.END, "1")
+    assert rig.event() == {"heard": {"id": "1", "text": ""}}
+
+
+def test_turn_has_the_sound_between_its_marks() -> None:
+    rig = Rig()
+    rig.hear(SILENCE, 10)
+    rig.mark(Kind.BEGIN, "1")
+    rig.hear(sound_of("what is the battery"), 8)
+    rig.mark(Kind.END, "another")
+    rig.mark(Kind.END, "1")
+    assert rig.event() == {"heard": {"id": "1", "text": "what is the battery"}}
+
+
+def test_turn_has_the_sound_just_before_its_begin() -> None:
+    rig = Rig()
+    rig.hear(sound_of("yes"))
+    rig.mark(Kind.BEGIN, "1")
+    rig.mark(Kind.END, "1")
+    assert rig.event() == {"heard": {"id": "1", "text": "yes"}}
+
+
+def test_turns_beyond_what_waits_are_not_understood() -> None:
+    rig = Rig()
+    for number in range(20):
+        rig.hear(sound_of("hang"))
+        rig.mark(Kind.BEGIN, str(number))
+        rig.mark(Kind.END, str(number))
+    assert rig.event()["heard"]["text"] == ""
+
+
+def test_frame_of_another_size_is_ignored() -> None:
+    rig = Rig()
+    rig.mark(Kind.BEGIN, "1")
+    for sound in (b"", b"\xff" * 3, sound_of("yes") * 2):
+        rig.hear(sound)
+    rig.mark(Kind.END, "1")
+    assert rig.event() == {"heard": {"id": "1", "text": ""}}
+
+
+def test_setup_has_names_for_the_recognizer() -> None:
+    rig = Rig()
+    setup = {"names": ["sink"], "start_level": 0.9, "end_level": 0.9}
+    rig.listener.handle(Kind.SETUP, json.dumps(setup).encode())
+    assert "sink" in rig.recognizer.prompt
+    rig.hear(sound_of("hold"), 8)  # below the level that speech begins at
+    rig.hear(SILENCE, PAUSE)
+    rig.mark(Kind.BEGIN, "1")
+    rig.mark(Kind.END, "1")
+    assert rig.event() == {"heard": {"id": "1", "text": ""}}
+
+
+def test_process_says_when_it_is_ready_and_ends_with_its_input() -> None:
+    target = io.BytesIO()
+    run(LoudnessRecognizer, io.BytesIO(encode(Kind.SOUND, bytes(FRAME_BYTES))), target)
+    assert target.getvalue() == b'{"ready": true}\n'
+
+
+def test_process_says_what_is_missing() -> None:
+    def fail() -> LoudnessRecognizer:
+        raise SpeechUnavailable(MISSING_PACKAGES)
+
+    target = io.BytesIO()
+    run(fail, io.BytesIO(), target)
+    assert json.loads(target.getvalue()) == {"missing": MISSING_PACKAGES}
