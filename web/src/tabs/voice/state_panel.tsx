@@ -82,7 +82,7 @@ export function StatePanel({ isStopped, isClosed }: { isStopped: boolean; isClos
             </Button>
           </>
         ) : (
-          <Button kind="primary" className="h-14 px-8 text-base max-md:w-full" onClick={() => startVoice(by)}>
+          <Button kind="primary" className="h-14 px-8 text-base max-md:w-full" disabled={isLinkLost} onClick={() => startVoice(by)}>
             <Play />
             {text(by === "script" ? "voice_start_script" : "voice_start")}
           </Button>

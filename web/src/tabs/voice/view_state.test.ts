@@ -11,6 +11,7 @@ describe("the state of the voice agent", () => {
     expect(state({})).toBe("off");
     expect(state({}, { hasKey: false })).toBe("scripted_only");
     expect(state({ failure: new Error("quota") })).toBe("failed");
+    expect(state({}, { isLinkLost: true })).toBe("link_lost");
   });
 
   it("follows the turn", () => {

@@ -26,6 +26,7 @@ export interface StateFacts {
 }
 
 export function voiceState({ view, hasKey, isStopped, isLinkLost }: StateFacts): VoiceState {
+  if (view.session === "off" && isLinkLost) return "link_lost";
   if (view.session === "off") return view.failure !== null ? "failed" : hasKey ? "off" : "scripted_only";
   if (view.session === "connecting") return "connecting";
   if (!view.isConsoleOpen || isLinkLost) return "link_lost";
