@@ -37,6 +37,7 @@ class PadTest:
             inform=self._inform,
             warn=self._warn,
             observe=self._observe,
+            drives=False,
         )
         self._driver = PadDriver()
         self._changed: dict[tuple[str, int, int], int] = {}

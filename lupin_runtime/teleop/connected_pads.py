@@ -12,14 +12,15 @@ from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.teleop.device import Device, read_identity, read_name
 from lupin_runtime.teleop.events import Event
 from lupin_runtime.teleop.map_files import map_path, read_map
-from lupin_runtime.teleop.pad_maps import TRANSPORTS, PadMap, find_map
-from lupin_runtime.teleop.pad_state import DeadMan, PadState
+from lupin_runtime.teleop.pad_maps import TRANSPORTS, PadMap, find_map, is_wired
+from lupin_runtime.teleop.pad_state import QUIET_S, DeadMan, PadState
 
 DEVICES = Path("/dev/input")
 SYSFS = Path("/sys/class/input")
 SCAN_PERIOD_S = 1.0
 MAX_DEVICES = 64  # of the folder that are looked at
 
+IN_USE = "another run or lupin teleop drives by it; end that, or start this run with: lupin up --no-joystick"
 _GROUP_ADVICE = "add yourself to the group input, and log in again: sudo usermod -aG input $USER"
 
 
@@ -52,16 +53,18 @@ class ConnectedPads:
         inform: Callable[[str], object],
         warn: Callable[[str], object],
         observe: Callable[[str, Event], object] = lambda *_: None,
+        drives: bool = True,
     ) -> None:
-        """Use the calibrated pads of the folder `maps`, too.
+        """Use the calibrated pads of the folder `maps`, too. A pad drives one robot: `drives` claims each for this program.
 
         `inform` is told of pads that come and go, `warn` once of each that cannot be read; `observe` gets all events.
         """
         self.pads: dict[str, Pad] = {}
         self._devices, self._sysfs, self._maps = devices, sysfs, maps
         self._inform, self._warn, self._observe = inform, warn, observe
+        self._drives = drives
         self._examined: dict[str, tuple[int, PadMap | None]] = {}  # by name: the file's number, and its row
-        self._denied: set[str] = set()
+        self._refusals: dict[str, int] = {}  # by name: how often the device could not be used in a row
 
     @property
     def states(self) -> dict[str, PadState]:
@@ -73,10 +76,11 @@ class ConnectedPads:
         names = input_devices(self._devices)
         for gone in self._examined.keys() - set(names):
             del self._examined[gone]
-        self._denied &= set(names)
+        for gone in self._refusals.keys() - set(names):
+            del self._refusals[gone]
         for name in names:
             # A device that disappears meanwhile is no error. Half of one may be there: it is looked at again the next time.
-            with suppress(FileNotFoundError, ValueError):
+            with suppress(OSError, ValueError):
                 row = self._examine(name)
                 if row is not None and name not in self.pads:
                     self._open(name, row, now_ns)
@@ -91,6 +95,8 @@ class ConnectedPads:
                 self._inform(f"{pad.label} is gone")
                 continue
             pad.state.handle(events, now_ns)
+            if problem := pad.state.take_problem():
+                self._inform(f"{pad.label} {problem}: let go of its left shoulder button, and press it again")
             for event in events:
                 self._observe(name, event)
             self._resynchronize(pad)
@@ -126,21 +132,32 @@ class ConnectedPads:
 
     def _open(self, name: str, row: PadMap, now_ns: int) -> None:
         folder = self._sysfs / name / "device"
-        bus = read_identity(folder).bus
-        label = f"{read_name(folder) or row.name} ({TRANSPORTS.get(bus, 'other')}, {name})"
+        found = read_identity(folder)
+        label = f"{read_name(folder) or row.name} ({TRANSPORTS.get(found.bus, 'other')}, {name})"
         try:
             device = Device(self._devices / name)
-        except OSError as error:
-            if name not in self._denied and not isinstance(error, FileNotFoundError):
-                self._denied.add(name)
-                advice = f"; {_GROUP_ADVICE}" if isinstance(error, PermissionError) else ""
-                self._warn(f"cannot read {label}: {error.strerror}{advice}")
+        except FileNotFoundError:
             return
-        self._denied.discard(name)
-        pad = Pad(device, PadState(row, bus, device.ranges(row.axes), now_ns), label)
+        except OSError as error:
+            advice = f"; {_GROUP_ADVICE}" if isinstance(error, PermissionError) else ""
+            self._refuse(name, f"cannot read {label}: {error.strerror}{advice}")
+            return
+        if self._drives and not device.claim():
+            device.close()
+            self._refuse(name, f"{label} is not used: {IN_USE}")
+            return
+        self._refusals.pop(name, None)
+        quiet_s = None if is_wired(found) else QUIET_S
+        pad = Pad(device, PadState(row, found.bus, device.ranges(row.axes), now_ns, quiet_s=quiet_s), label)
         self._resynchronize(pad)
         self.pads[name] = pad
         self._inform(f"{label} is connected: hold its left shoulder button to drive")
+
+    def _refuse(self, name: str, problem: str) -> None:
+        """Tell of a device that cannot be used: once, and not at the first try, before udev has set who may read it."""
+        self._refusals[name] = self._refusals.get(name, 0) + 1
+        if self._refusals[name] == 2:
+            self._warn(problem)
 
     def _resynchronize(self, pad: Pad) -> None:
         """Ask the kernel for a state that events do not tell, until the dead-man button is seen released."""

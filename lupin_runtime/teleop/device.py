@@ -59,6 +59,14 @@ class Device:
         with suppress(OSError):  # not a device
             fcntl.ioctl(self.file, _SET_CLOCK, array.array("i", [time.CLOCK_MONOTONIC]))
 
+    def claim(self) -> bool:
+        """Keep other programs of Lupin from driving by this device until it is closed; return whether none does already."""
+        try:
+            fcntl.flock(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+        return True
+
     def close(self) -> None:
         """Close the file."""
         os.close(self.file)

@@ -28,8 +28,11 @@ from lupin_runtime.teleop.events import (
 )
 
 USB, BLUETOOTH = 0x0003, 0x0005  # bus types of linux/input.h
-TRANSPORTS = {USB: "USB", BLUETOOTH: "Bluetooth"}
+XONE = 0x0006  # of the driver xone, for pads on a cable and on Microsoft's radio receiver
+TRANSPORTS = {USB: "USB", BLUETOOTH: "Bluetooth", XONE: "xone"}
 MICROSOFT, SONY, NINTENDO = 0x045E, 0x054C, 0x057E
+# Receivers on the USB whose pads are on a radio link: those of the Xbox 360, and that of the DualShock 4.
+_RECEIVERS = {(MICROSOFT, 0x0719), (MICROSOFT, 0x0291), (MICROSOFT, 0x02A1), (SONY, 0x0BA0)}
 # Drivers that follow the kernel's gamepad layout, instead of the order of the pad's descriptor, set this bit of the version.
 KERNEL_LAYOUT = 0x8000
 
@@ -122,13 +125,13 @@ MAPS: tuple[PadMap, ...] = (
     ),
     # xpadneo over Bluetooth has the layout of xpad, which drives a pad on a cable.
     PadMap("Xbox, xpadneo", (BLUETOOTH,), MICROSOFT, declares=(ABS_RY, ABS_Z, ABS_RZ)),
-    PadMap("Xbox", (USB,), MICROSOFT, declares=(ABS_RY, ABS_Z, ABS_RZ)),
+    PadMap("Xbox", (USB, XONE), MICROSOFT, declares=(ABS_RY, ABS_Z, ABS_RZ)),
     # hid-sony, and hid-playstation since Linux 6.2. With hid-generic, ABS_RX is a trigger, whose rest would turn the robot.
     PadMap(
-        "DualShock 4",
+        "DualShock 4 or DualSense",
         (USB, BLUETOOTH),
         SONY,
-        products=(0x05C4, 0x09CC, 0x0BA0),
+        products=(0x05C4, 0x09CC, 0x0BA0, 0x0CE6, 0x0DF2),
         version_bits=KERNEL_LAYOUT,
         declares=(ABS_RY, ABS_Z, ABS_RZ),
         axis_range=UNSIGNED_8,
@@ -149,6 +152,11 @@ MAPS: tuple[PadMap, ...] = (
 def find_map(found: PadId, maps: Sequence[PadMap] = MAPS) -> PadMap | None:
     """Return the row of a device, or None if it is no known pad."""
     return next((row for row in maps if row.fits(found)), None)
+
+
+def is_wired(found: PadId) -> bool:
+    """Return whether a device is on a cable, so that the kernel notices at once when the pad is gone."""
+    return found.bus == USB and (found.vendor, found.product) not in _RECEIVERS
 
 
 def parse_bits(text: str) -> frozenset[int]:

@@ -4,7 +4,8 @@ Only a press of the dead-man button that was seen, after the button was seen rel
 
 * as soon as the button is released;
 * if events were lost (SYN_DROPPED) or came late, because the button may have been released meanwhile;
-* if nothing arrived for QUIET_S: a pad whose link is lost keeps its state until the kernel notices, which can take seconds;
+* if a pad on a radio link changed nothing for QUIET_S: if its link is lost, its state stays until the kernel notices, which can
+  take seconds. What the kernel repeats by itself is no sign of the pad;
 * if a value is none that a button has, or more events arrive than a pad sends.
 
 Then it has to be released and pressed anew. What changes in one report of the pad, which ends with SYN_REPORT, takes effect at
@@ -23,6 +24,7 @@ from lupin_runtime.teleop.velocity import Sticks, normalize
 
 STALE_S = 0.25  # of an event that is handled, and of the time since events were last read
 QUIET_S = 3.0
+REPEATED = 2  # value of a key event that the kernel makes by itself
 SETTLE_S = 1.0  # after a pad is connected: its first report may press a button that was held all along
 MAX_EVENTS = 1024  # at a time; a pad at 1000 Hz sends 250 within the longest time between two readings
 
@@ -46,8 +48,13 @@ class Snapshot:
 class PadState:
     """The state of one pad. Times are nanoseconds of the monotonic clock."""
 
-    def __init__(self, row: PadMap, bus: int, ranges: Mapping[int, tuple[int, int]], now_ns: int) -> None:
-        """Begin with a pad that was connected at `now_ns`. `ranges` are those of its axes; others have that of the row."""
+    def __init__(
+        self, row: PadMap, bus: int, ranges: Mapping[int, tuple[int, int]], now_ns: int, *, quiet_s: float | None = QUIET_S
+    ) -> None:
+        """Begin with a pad that was connected at `now_ns`. `ranges` are those of its axes; others have that of the row.
+
+        `quiet_s` is how long it may change nothing while its dead-man button is held; None on a cable.
+        """
         self.row = row
         self.dead_zone = DEAD_ZONES.get(bus, DEAD_ZONES[BLUETOOTH])
         self.dead_man = DeadMan.UNKNOWN
@@ -59,6 +66,8 @@ class PadState:
         self._connected_ns = now_ns
         self._read_ns = now_ns
         self._heard_ns = now_ns
+        self._quiet_s = quiet_s
+        self._problem = ""
 
     @property
     def turbo(self) -> bool:
@@ -79,7 +88,7 @@ class PadState:
         """Handle what was read from the device at `now_ns`; call it at least every STALE_S, if there are no events, too."""
         self.check(now_ns)
         self._read_ns = now_ns
-        if events:
+        if any(each.type == EV_ABS or (each.type == EV_KEY and each.value != REPEATED) for each in events):
             self._heard_ns = now_ns
         for event in events[-MAX_EVENTS:]:
             self._handle_event(event, now_ns)
@@ -88,9 +97,19 @@ class PadState:
 
     def check(self, now_ns: int) -> None:
         """Stop trusting the dead-man button if the events are no longer read, or the pad is silent."""
-        silent = now_ns - self._read_ns > STALE_S * 1e9 or now_ns - self._heard_ns > QUIET_S * 1e9
-        if silent and self.dead_man is DeadMan.HELD:
+        if self.dead_man is not DeadMan.HELD:
+            return
+        if now_ns - self._read_ns > STALE_S * 1e9:
+            self._problem = f"was not read for {STALE_S:g} s, as this computer is busy"
             self.distrust()
+        elif self._quiet_s is not None and now_ns - self._heard_ns > self._quiet_s * 1e9:
+            self._problem = f"changed nothing for {self._quiet_s:g} s, as if its link were lost"
+            self.distrust()
+
+    def take_problem(self) -> str:
+        """Return why the dead-man button does not count any more, once; empty if nothing is wrong with the pad."""
+        problem, self._problem = self._problem, ""
+        return problem
 
     def distrust(self) -> None:
         """Require that the dead-man button is seen released before it counts again."""
@@ -129,15 +148,15 @@ class PadState:
             if event.type == EV_ABS and event.code in self._ranges:
                 self._axes[event.code] = event.value
             elif event.type == EV_KEY and event.code == self.row.turbo:
-                self._turbo = event.value == 1 or (event.value == 2 and self._turbo)
+                self._turbo = event.value == 1 or (event.value == REPEATED and self._turbo)
             elif event.type == EV_KEY and event.code == self.row.dead_man:
                 self._press(event, now_ns)
 
     def _press(self, event: Event, now_ns: int) -> None:
-        """Handle a change of the dead-man button; 2 is a repeated press, which changes nothing."""
+        """Handle a change of the dead-man button; a repeated press changes nothing."""
         if event.value == 0:
             self.dead_man = DeadMan.RELEASED
-        elif event.value not in (1, 2):
+        elif event.value not in (1, REPEATED):
             self.distrust()
         elif event.value == 1:
             fresh = abs(now_ns - event.time_ns) <= STALE_S * 1e9

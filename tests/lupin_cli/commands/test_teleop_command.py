@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from lupin_cli.commands.teleop import app
 from lupin_cli.run import pad_calibration
-from lupin_runtime.teleop import connected_pads
+from lupin_runtime.teleop import connected_pads, pad_state
 from lupin_runtime.teleop.events import ABS_Y, BTN_TL
 from lupin_runtime.teleop.pad_maps import find_map
 from tests.support import pad_ids
@@ -56,7 +56,9 @@ def test_events_are_shown_with_what_they_would_command(fake_pads: FakePads) -> N
     ]
 
 
-def test_held_gamepad_shows_its_velocity(fake_pads: FakePads) -> None:
+def test_held_gamepad_shows_its_velocity(fake_pads: FakePads, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pad_state, "SETTLE_S", 0.0)
+    monkeypatch.setattr(pad_state, "STALE_S", 20.0)
     fake_pads.plug("event5", pad_ids.XBOX_USB)
     over = threading.Event()
 

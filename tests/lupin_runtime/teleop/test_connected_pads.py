@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lupin_runtime.teleop import connected_pads
-from lupin_runtime.teleop.connected_pads import ConnectedPads
+from lupin_runtime.teleop.connected_pads import IN_USE, ConnectedPads
 from lupin_runtime.teleop.device import Device
 from lupin_runtime.teleop.events import BTN_TL
 from lupin_runtime.teleop.pad_state import DeadMan
@@ -96,6 +96,17 @@ def test_unreadable_pad_is_named_once_with_what_helps(rig: Rig, fake_pads: FakeP
         "add yourself to the group input, and log in again: sudo usermod -aG input $USER"
     ]
     assert rig.scan() == ["event5"]
+
+
+def test_pad_drives_one_robot(rig: Rig, fake_pads: FakePads) -> None:
+    fake_pads.plug("event5", pad_ids.XBOX_USB, "A pad")
+    assert rig.scan() == ["event5"]
+    other = Rig(fake_pads)
+    assert other.scan() == other.scan() == other.scan() == []
+    assert other.warnings == [f"A pad (USB, event5) is not used: {IN_USE}"]
+    rig.connected.close()
+    assert other.scan() == ["event5"]
+    other.connected.close()
 
 
 def test_broken_or_missing_folders_are_no_error(rig: Rig, fake_pads: FakePads, tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ SHOULDERS = (BTN_TL, BTN_TR)
         (pad_ids.XBOX_ONE_BLUETOOTH, "Xbox", SHOULDERS, ABS_Z),
         (pad_ids.XBOX_OLD_FIRMWARE, "Xbox, old firmware", (BTN_WEST, BTN_Z), ABS_RX),
         (pad_ids.XBOX_XPADNEO, "Xbox, xpadneo", SHOULDERS, ABS_RX),
-        (pad_ids.DUALSHOCK4_USB, "DualShock 4", SHOULDERS, ABS_RX),
-        (pad_ids.DUALSHOCK4_BLUETOOTH, "DualShock 4", SHOULDERS, ABS_RX),
+        (pad_ids.DUALSHOCK4_USB, "DualShock 4 or DualSense", SHOULDERS, ABS_RX),
+        (pad_ids.DUALSHOCK4_BLUETOOTH, "DualShock 4 or DualSense", SHOULDERS, ABS_RX),
         (pad_ids.SWITCH_PRO, "Switch Pro", SHOULDERS, ABS_RX),
     ],
 )

@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.teleop.events import ABS_RX, ABS_X, ABS_Y, BTN_TL, BTN_TR, EV_KEY, Event, EventParser, encode_event
+from lupin_runtime.teleop.pad_maps import USB
 from lupin_runtime.teleop.pad_state import MAX_EVENTS, QUIET_S, STALE_S, DeadMan, PadState, Snapshot
 from lupin_runtime.teleop.velocity import Sticks
-from tests.support.pad_events import CONNECTED_NS, MS, SETTLED_NS, axis, dropped, held_state, key, new_state, report
+from tests.support.pad_events import CONNECTED_NS, MS, SETTLED_NS, axis, dropped, held_state, key, new_state, report, xbox
 
 NOW_NS = SETTLED_NS + 100 * MS
 LATE_NS = NOW_NS - int(STALE_S * 1e9) - MS
@@ -77,14 +78,24 @@ def test_dead_man_must_be_pressed_anew(loss: Callable[[PadState], None]) -> None
     assert button(state) is DeadMan.HELD
 
 
-def test_silent_pad_is_not_believed_for_ever() -> None:
+@pytest.mark.parametrize("is_repeated", [False, True], ids=["silent", "repeated-by-the-kernel"])
+def test_silent_pad_is_not_believed_for_ever(is_repeated: bool) -> None:
     state = held_state(NOW_NS)
     step_ns = int(STALE_S * 1e9 / 2)
     for at_ns in range(NOW_NS, NOW_NS + int(QUIET_S * 1e9), step_ns):
-        state.handle([], at_ns)
+        state.handle(key(BTN_TL, 2, at_ns) if is_repeated else [], at_ns)
         assert state.dead_man is DeadMan.HELD
     state.handle([], at_ns + 2 * step_ns)
     assert state.dead_man is DeadMan.UNKNOWN
+    assert "changed nothing for 3 s" in state.take_problem() and state.take_problem() == ""
+
+
+def test_pad_on_a_cable_may_be_held_still() -> None:
+    state = PadState(xbox(), USB, {}, CONNECTED_NS, quiet_s=None)
+    state.handle(key(BTN_TL, 0, NOW_NS) + key(BTN_TL, 1, NOW_NS), NOW_NS)
+    for at_ns in range(NOW_NS, NOW_NS + int(4 * QUIET_S * 1e9), int(STALE_S * 1e9)):
+        state.handle([], at_ns)
+    assert state.dead_man is DeadMan.HELD
 
 
 def test_events_between_a_loss_and_the_next_report_are_ignored() -> None:
