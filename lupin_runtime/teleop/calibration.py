@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lupin_runtime.teleop.events import EV_ABS, EV_KEY, Event
-from lupin_runtime.teleop.pad_maps import PadId, PadMap
+from lupin_runtime.teleop.pad_maps import KERNEL_LAYOUT, PadId, PadMap
 
 STABLE_S = 0.12  # a control must be used for this long
 USED, AT_REST = 0.6, 0.3  # shares of half the range of an axis, from its place at rest
@@ -85,6 +85,8 @@ class Calibrator:
             (found.bus,),
             found.vendor,
             products=(found.product,),
+            version_bits=found.version & KERNEL_LAYOUT,
+            declares=tuple(sorted(found.axes)),
             dead_man=self.codes["dead_man"],
             turbo=self.codes["turbo"],
             lateral_axis=self.codes["lateral_axis"],
@@ -97,7 +99,7 @@ class Calibrator:
     def _follow(self, step: Step, now_ns: int) -> None:
         used = {code for code in self._values if abs(self._place(code)) >= USED} if step.is_axis else set(self._pressed)
         known = {self.codes[other.control] for other in STEPS[: len(self.codes)] if other.is_axis == step.is_axis}
-        candidates = used - known
+        candidates = {code for code in used - known if not step.is_axis or self._rests_in_the_middle(code)}
         candidate = next(iter(candidates)) if len(candidates) == 1 else None  # of several it is not known which is meant
         if candidate != self._candidate:
             self._candidate, self._since_ns = candidate, now_ns
@@ -106,6 +108,11 @@ class Calibrator:
             if step.is_axis and self._place(candidate) > 0.0:
                 self.above_center.append(candidate)
             self._candidate, self._waits_for_rest = None, True
+
+    def _rests_in_the_middle(self, code: int) -> bool:
+        """Return whether an axis is that of a stick: a trigger rests at an end, where a stick would command full speed."""
+        low, high = self._ranges[code]
+        return abs(2 * self._rest[code] - low - high) <= AT_REST * (high - low)
 
     def _place(self, code: int) -> float:
         """Return how far an axis is from its rest, as a share of half its range."""

@@ -12,7 +12,7 @@ from typing import Any
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.bounded_file import read_bounded, read_bounded_text
 from lupin_runtime.json_text import parse_json
-from lupin_runtime.teleop.pad_maps import TRANSPORTS, PadId, PadMap
+from lupin_runtime.teleop.pad_maps import KERNEL_LAYOUT, TRANSPORTS, PadId, PadMap
 
 CONTROLS = ("dead_man", "turbo", "lateral_axis", "forward_axis", "yaw_axis")
 _MAX_CODE = 0x2FF  # KEY_MAX
@@ -45,6 +45,8 @@ def read_map(path: Path, found: PadId) -> PadMap | None:
     except ValueError as error:
         raise MalformedFile(path, None, f"not valid JSON: {error}") from error
     row = _row(content, found)
+    if row is not None and (set(row.declares) != found.axes or row.version_bits != found.version & KERNEL_LAYOUT):
+        raise MalformedFile(path, None, "is of another driver of this gamepad, with which its controls have other codes")
     if row is None or not row.fits(found):
         raise MalformedFile(path, None, "does not name the controls of this gamepad")
     return row
@@ -65,7 +67,7 @@ def write_map(path: Path, row: PadMap) -> Path | None:
 def map_text(row: PadMap) -> str:
     """Return the content of a row's file."""
     values = asdict(row)
-    names = ("name", *CONTROLS, "above_center", "axis_range")
+    names = ("name", "version_bits", "declares", *CONTROLS, "above_center", "axis_range")
     return json.dumps({name: values[name] for name in names}, indent=2) + "\n"
 
 
@@ -75,9 +77,11 @@ def _row(content: Any, found: PadId) -> PadMap | None:
         return None
     codes = _integers([content.get(name) for name in CONTROLS], 0, _MAX_CODE)
     above = _integers(content.get("above_center"), 0, _MAX_CODE)
+    declares = _integers(content.get("declares"), 0, _MAX_CODE)
+    driver = _integers([content.get("version_bits")], 0, KERNEL_LAYOUT)
     limits = _integers(content.get("axis_range"), -_MAX_VALUE, _MAX_VALUE)
     name = content.get("name")
-    if codes is None or above is None or limits is None or not isinstance(name, str):
+    if codes is None or above is None or declares is None or driver is None or limits is None or not isinstance(name, str):
         return None
     if len(limits) != 2 or limits[0] >= limits[1]:
         return None
@@ -87,6 +91,8 @@ def _row(content: Any, found: PadId) -> PadMap | None:
         (found.bus,),
         found.vendor,
         products=(found.product,),
+        version_bits=driver[0],
+        declares=tuple(declares),
         dead_man=dead_man,
         turbo=turbo,
         lateral_axis=lateral_axis,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,9 @@ import pytest
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.teleop.calibration import STABLE_S, STEPS, Calibrator, can_be_calibrated
 from lupin_runtime.teleop.connected_pads import ConnectedPads
-from lupin_runtime.teleop.events import ABS_X, ABS_Y, ABS_Z, Event
+from lupin_runtime.teleop.events import ABS_RX, ABS_RY, ABS_X, ABS_Y, ABS_Z, Event
 from lupin_runtime.teleop.map_files import map_path, map_text, read_map, write_map
-from lupin_runtime.teleop.pad_maps import SIGNED_16, PadMap
+from lupin_runtime.teleop.pad_maps import KERNEL_LAYOUT, SIGNED_16, PadMap
 from lupin_runtime.teleop.velocity import Sticks
 from tests.support import pad_ids
 from tests.support.fake_pads import FakePads
@@ -27,8 +28,8 @@ L1, R1 = 0x134, 0x135
 class Person:
     """Uses controls, each for long enough, and lets go of them."""
 
-    def __init__(self) -> None:
-        self.calibrator = Calibrator(dict.fromkeys(GENERIC.axes, SIGNED_16), dict.fromkeys(GENERIC.axes, 0))
+    def __init__(self, rest: dict[int, int] | None = None) -> None:
+        self.calibrator = Calibrator(dict.fromkeys(GENERIC.axes, SIGNED_16), {**dict.fromkeys(GENERIC.axes, 0), **(rest or {})})
         self._now_ns = 0
 
     def send(self, events: list[Event], hold_ns: int = STABLE_NS) -> None:
@@ -86,6 +87,23 @@ def test_stick_that_is_moved_a_little_is_ignored() -> None:
         person.button(code)
     person.stick(ABS_Y, -15000)
     assert person.calibrator.step is STEPS[2]
+
+
+def test_trigger_is_not_taken_for_a_stick() -> None:
+    person = Person({ABS_RX: -32768})
+    for code in (L1, R1):
+        person.button(code)
+    person.send(axis(ABS_RX, 32767, 0))
+    person.send(axis(ABS_RX, -32768, 0))
+    assert person.calibrator.step is STEPS[2]
+
+
+def test_file_of_another_driver_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "pad.json"
+    path.write_text(map_text(calibrated()))
+    for other in (replace(GENERIC, axes=GENERIC.axes - {ABS_RY}), replace(GENERIC, version=GENERIC.version | KERNEL_LAYOUT)):
+        with pytest.raises(MalformedFile, match="another driver"):
+            read_map(path, other)
 
 
 def test_axis_reported_the_other_way_round_drives_the_same_way() -> None:
