@@ -22,19 +22,19 @@ from lupin_cli.run.ros_client import RosSession
 from lupin_cli.safe_console import SafeConsole
 from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, Twist, encode
-from lupin_runtime.json_text import parse_json
+from lupin_runtime.json_text import conform, parse_json
 from lupin_runtime.teleop import connected_pads
 from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
-from lupin_runtime.teleop.keyboard import KeyboardDriver, split_keys
+from lupin_runtime.teleop.keyboard import KeyboardDriver, is_end, split_keys
 from lupin_runtime.teleop.map_files import map_folder
 from lupin_runtime.teleop.pad_driver import PadDriver
 
-ENDS = ("x", "\x1b", "\x03", "\x04")  # x, Esc, Ctrl-C, Ctrl-D
 HELP = "w s a d drive, q e turn, capital letters are faster, space stops, x ends"
 STEP_S = 0.02
 PAINT_PERIOD_S = 0.2
 MAX_BYTES = 1024
 STATUS_SILENT_S = 3.0
+_STATUS = {"locks": [""], "winner": "", "inputs": {}}
 
 
 class TeleopSession:
@@ -91,7 +91,7 @@ class TeleopSession:
         table.add_row("gamepad", _sent_text(pad, self.told))
         table.add_row("drive bus", self._bus_text())
         for name, state in self.status.get("inputs", {}).items():
-            table.add_row(f"  {name}", Text(str(state.get("why", "")), style="dim"))
+            table.add_row(f"  {name}", Text(conform(state, {"why": ""})["why"], style="dim"))
         return table
 
     def _bus_text(self) -> Text:
@@ -102,8 +102,8 @@ class TeleopSession:
         return Text(f"obeys {self.status['winner']}" if self.status.get("winner") else "at rest: no source drives")
 
     def _on_status(self, message: Any) -> None:
-        status = parse_json(message.data)
-        self.status, self._status_s = status if isinstance(status, dict) else {}, time.monotonic()
+        with suppress(ValueError):  # another program's: the bus itself does not listen to this one
+            self.status, self._status_s = conform(parse_json(message.data), _STATUS), time.monotonic()
 
     def _keep(self, text: str) -> None:
         self.told = text
@@ -143,7 +143,7 @@ def _read_terminal() -> bytes:
 
 
 def drive(session: RosSession, *, reads_pads: bool) -> None:
-    """Drive until a key of ENDS, or until the terminal is closed. If the terminal does not take the view, nothing is sent."""
+    """Drive until a key ends it or the terminal is closed. If the terminal does not take the view, nothing is sent."""
     teleop, paint_at = TeleopSession(session.node, reads_pads=reads_pads), 0.0
     try:
         with unbuffered_terminal(), Repainter(SafeConsole()) as repainter:
@@ -151,9 +151,9 @@ def drive(session: RosSession, *, reads_pads: bool) -> None:
                 keys: list[str] = []
                 if select.select([sys.stdin], [], [], STEP_S)[0]:
                     data = _read_terminal()
-                    keys = split_keys(data.decode(errors="replace"))
-                    if not data or any(key in ENDS for key in keys):
+                    if not data or is_end(data):
                         return
+                    keys = split_keys(data.decode(errors="replace"))
                 session.handle_waiting()
                 teleop.step(keys, time.monotonic_ns())
                 if time.monotonic() >= paint_at:

@@ -28,7 +28,17 @@ DIRECTIONS: Mapping[str, tuple[int, int, int]] = {
     "\x1b[D": (0, 0, 1),
     "\x1b[C": (0, 0, -1),
 }
-_KEY = re.compile(r"\x1b\[[A-Z]|.", re.DOTALL)
+_KEY = re.compile(r"\x1b(?:\[[0-9;]*|O)[A-Za-z~]|.", re.DOTALL)
+_ESCAPE = b"\x1b"
+_END_KEYS = (b"x", b"\x03", b"\x04")  # x, Ctrl-C, Ctrl-D
+
+
+def is_end(typed: bytes) -> bool:
+    """Return whether what a terminal sent ends the driving: x, Esc, Ctrl-C or Ctrl-D, also in what was pasted or came late.
+
+    An Esc that other bytes follow begins the sequence of a key.
+    """
+    return typed == _ESCAPE or any(key in typed for key in _END_KEYS)
 
 
 def split_keys(text: str) -> list[str]:

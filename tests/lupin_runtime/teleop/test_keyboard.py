@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.drive import ZERO, Twist
-from lupin_runtime.teleop.keyboard import DIRECTIONS, HOLD_S, MAX_KEYS, PERIOD_S, KeyboardDriver, split_keys
+from lupin_runtime.teleop.keyboard import DIRECTIONS, HOLD_S, MAX_KEYS, PERIOD_S, KeyboardDriver, is_end, split_keys
 from lupin_runtime.teleop.velocity import NORMAL, TURBO
 
 MS = 1_000_000
@@ -59,6 +59,17 @@ def test_pasted_text_is_no_key() -> None:
     assert split_keys("w" * MAX_KEYS) == ["w"] * MAX_KEYS
     assert split_keys("w" * (MAX_KEYS + 1)) == []
     assert split_keys("w\x1b[Ax\x1b[") == ["w", "\x1b[A", "x", "\x1b", "["]
+    assert split_keys("\x1b[1;2A\x1bOA\x1b[3~w") == ["\x1b[1;2A", "\x1bOA", "\x1b[3~", "w"]
+
+
+@pytest.mark.parametrize("typed", [b"x", b"\x1b", b"\x03", b"\x04", b"w" * 500 + b"x", b"\x1b[A\x03", b"\xffx"])
+def test_keys_that_end_also_count_in_what_came_late(typed: bytes) -> None:
+    assert is_end(typed)
+
+
+@pytest.mark.parametrize("typed", [b"w", b"\x1b[A", b"\x1bOA", b"\x1b[", b"\x1b[1;2A", b" "])
+def test_arrows_and_halves_of_them_end_nothing(typed: bytes) -> None:
+    assert not is_end(typed)
 
 
 @given(st.text(), st.lists(st.integers(0, 2 * HOLD_NS), max_size=20))
