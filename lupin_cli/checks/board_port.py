@@ -62,8 +62,8 @@ def _foreign_holders(board: MotorBoard, devices: Devices) -> tuple[Holder, ...]:
 def find_wrong_firmware(snapshot: Snapshot) -> Iterator[Finding]:
     """The board runs no firmware, an old one, or another program."""
     board = snapshot.robot_fact(MOTOR_BOARD)
-    if board is None:
-        return
+    if board is None or any(asked.examination and asked.examination.answer is Answer.HEALTHY for asked in board.asked):
+        return  # another board beside a healthy one is no motor board
     cause, evidence = "", [each.line() for each in board.usb]
     products = {each.product for each in board.usb} if _has_driver(snapshot) else set()
     if products == {BOOT_LOADER}:

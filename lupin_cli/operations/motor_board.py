@@ -17,6 +17,7 @@ from lupin_runtime.board_protocol import Answer
 _RESTART = """
 state=$(systemctl show -p ActiveState --value mirte-ros.service 2>/dev/null)
 case $state in inactive | failed | '') ;; *) echo "mirte-ros.service is $state" >&2; exit 1 ;; esac
+grep -lqa '[t]elemetrix' /proc/[0-9]*/cmdline 2>/dev/null && { echo 'a driver of the board still runs' >&2; exit 1; }
 command -v picotool >/dev/null || { echo 'the robot has no picotool' >&2; exit 1; }
 picotool reboot -f
 """
@@ -70,6 +71,8 @@ def _require_restart_helps(board: MotorBoard) -> None:
     """Raise OperationError if a restart of the board would change nothing."""
     if not board.usb and not board.serial_ports:
         raise OperationError("no motor board is on the robot's USB; check its cable", "lupin doctor")
+    if any(_is_healthy(asked) for asked in board.asked):
+        return
     for asked in board.asked:
         if asked.examination is None:
             raise OperationError(f"the motor board cannot be asked: {asked.lines()[0]}", "lupin doctor")
@@ -81,6 +84,8 @@ def _fault(board: MotorBoard) -> str:
     """Return what is wrong with the board; empty if it answers."""
     if not board.asked:
         return "it has no serial port"
+    if any(_is_healthy(asked) for asked in board.asked):
+        return ""  # another one is no motor board
     return next((asked.lines()[0] for asked in board.asked if not _is_healthy(asked)), "")
 
 
