@@ -92,17 +92,26 @@ class Dialog:
         """Whether a call was read back, and waits for a yes."""
         return self._context.pending is not None
 
-    async def handle(self, turn: Turn) -> Reply:
-        """Do what a sentence asks for."""
+    @property
+    def read_back(self) -> str:
+        """The token of what was read back; empty if nothing was."""
+        return self._token
+
+    def understand(self, sentence: str, language: Language | None = None) -> Call | Confirmation | Question:
+        """Return what a sentence asks for, in the dialog's language or another one."""
+        return parse(sentence, self._context, language or self.language)
+
+    async def handle(self, turn: Turn, answers: str | None = None) -> Reply:
+        """Do what a sentence asks for. A yes counts only for what was read back with the token `answers`, if that is given."""
         if self._agent is not None:
             self._context = replace(self._context, speed_cap=float(self._agent.state.get("speed_cap", 1.0)))
-        understood = parse(turn.sentence, self._context, self.language)
+        understood = self.understand(turn.sentence)
         if isinstance(understood, Question):
             return await self._ask(turn, understood)
         if isinstance(understood, Call):
             self.forget()
             return await self._send(turn, understood, {})
-        return await self.answer(turn, understood)
+        return await self.answer(turn, understood, answers)
 
     async def stop(self, turn: Turn) -> Reply:
         """Engage the e-stop, and forget what was read back. Another sentence may be in work meanwhile."""
@@ -122,10 +131,10 @@ class Dialog:
         hint = f" Say, for example: {'; '.join(question.nearest)}." if question.nearest else ""
         return Reply(turn.sentence, f"{_sentence(question.reason)}{hint}", False, nearest=question.nearest)
 
-    async def answer(self, turn: Turn, answer: Confirmation) -> Reply:
-        """Carry out what was read back, or forget it."""
+    async def answer(self, turn: Turn, answer: Confirmation, answers: str | None = None) -> Reply:
+        """Carry out what was read back, or forget it. A yes counts only for the token `answers`, if that is given."""
         pending, token = self._context.pending, self._token
-        if pending is None:
+        if pending is None or (answer.agrees and answers not in (None, token)):
             return Reply(turn.sentence, NOTHING_READ_BACK, False)
         self.forget()
         if answer.agrees:

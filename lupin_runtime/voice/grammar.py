@@ -61,6 +61,11 @@ def has_stop_word(text: str) -> bool:
     return _has_stop_word(tokenize(clean_text(text)))
 
 
+def sounds_like_stop(text: str) -> bool:
+    """Return whether a text that is spoken may be heard as a word for stopping."""
+    return has_stop_word(text) or any(token.text in _ESTOP_WORDS for token in tokenize(clean_text(text)))
+
+
 def _has_stop_word(tokens: tuple[Token, ...]) -> bool:
     words = [token.text for token in tokens]
     return not STOP_WORDS.isdisjoint(words) or any(one.endswith(_SIBILANTS) and two == "top" for one, two in pairwise(words))

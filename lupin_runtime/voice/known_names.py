@@ -66,7 +66,9 @@ def _words_distance(known: tuple[str, ...], said: tuple[str, ...]) -> int | None
             distance, allowed = int(one != other), 0
         else:
             sounds = _sound(one), _sound(other)
-            distance, allowed = _distance(*sounds), min(map(len, sounds)) // _LETTERS_PER_ERROR
+            allowed = min(map(len, sounds)) // _LETTERS_PER_ERROR
+            # Words of other lengths differ by as many letters at least: a word of a thousand letters is not compared.
+            distance = allowed + 1 if abs(len(sounds[0]) - len(sounds[1])) > allowed else _distance(*sounds)
         if distance > allowed:
             return None
         total += distance

@@ -30,6 +30,7 @@ _NICENESS = 5  # the console sends the velocities of bursts, and comes first
 _BEFORE_MS = 300  # of a turn: its first sound is below the page's threshold
 _MAX_TURN_MS = 30_000  # as much as Whisper hears
 _MAX_SENTENCES = 4  # that wait for the recognizer
+_MAX_WINDOW_S = 10.0  # a recognizer that takes longer for a window hears no stop
 
 Emit = Callable[[dict[str, Any]], None]
 
@@ -38,6 +39,10 @@ class TurnRecognizer(Recognizer, Protocol):
     """Speech to text that expects what `prompt` has."""
 
     prompt: str
+
+
+class Deaf(RuntimeError):
+    """The recognizer does not answer."""
 
 
 class Listener:
@@ -61,7 +66,7 @@ class Listener:
         threading.Thread(target=self._recognize, name="lupin-listener-sentences", daemon=True).start()
 
     def handle(self, kind: Kind, payload: bytes) -> None:
-        """Handle one message. A payload that is none is ignored."""
+        """Handle one message. A payload that is none is ignored; a BEGIN without an id only ends a turn. Raises Deaf."""
         if kind is Kind.SOUND and len(payload) == FRAME_BYTES:
             self._hear(payload)
         elif kind is Kind.BEGIN:
@@ -82,6 +87,8 @@ class Listener:
             self._spotting.configure(settings)
 
     def _hear(self, frame: bytes) -> None:
+        if self._spotting.busy_s > _MAX_WINDOW_S:
+            raise Deaf(f"the recognizer has been busy for {_MAX_WINDOW_S:g} s with one window")
         self._recent.append(frame)
         if self._turn:
             self._turn_sound.append(frame)
@@ -133,8 +140,15 @@ def run(create_recognizer: Callable[[], TurnRecognizer], source: IO[bytes], targ
         listener.handle(*message)
 
 
+def _end_process(failure: threading.ExceptHookArgs) -> None:
+    print(f"{failure.exc_type.__name__}: {failure.exc_value}", file=sys.stderr, flush=True)
+    os._exit(1)
+
+
 def main() -> None:
     """Listen to standard input. What libraries print goes to standard error, out of the way of the events."""
+    # Without one of its threads it would hear no stop, and must not seem to.
+    threading.excepthook = _end_process
     os.nice(_NICENESS)
     target = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())

@@ -3,7 +3,7 @@
 To the listener, each message is a kind, the length of its payload, and the payload:
 
 * SOUND: one frame of `endpointer.py`
-* BEGIN and END: a turn in speech begins or ends here; the payload is its id
+* BEGIN and END: a turn in speech begins or ends here; the payload is its id. A BEGIN without one: no turn is going on
 * SETUP: JSON with `start_level` and `end_level` of the endpointer, and `names` that the recognizer should expect
 
 From the listener, each line is an object with one key: `ready`, `missing` with a reason, `stop` with the text that was heard

@@ -130,11 +130,18 @@ def _join(texts: Iterable[str], max_length: int) -> str:
 class Speaker:
     """Speaks texts by espeak-ng. Raises SpeechUnavailable if it is missing."""
 
-    def __init__(self, voice: str = DEFAULT_VOICE, words_per_minute: int = DEFAULT_WORDS_PER_MINUTE) -> None:
+    def __init__(
+        self,
+        voice: str = DEFAULT_VOICE,
+        words_per_minute: int = DEFAULT_WORDS_PER_MINUTE,
+        *,
+        timeout_s: float = _SPEAK_TIMEOUT_S,
+    ) -> None:
         program = shutil.which("espeak-ng")
         if program is None:
             raise SpeechUnavailable(MISSING_ESPEAK)
         self._command = [program, "-v", voice, "-s", str(words_per_minute), "--stdin"]
+        self._timeout_s = timeout_s
 
     def say(self, text: str) -> None:
         """Speak a text, and return when it was said. Raises SpeechUnavailable, for example if no sound device is there."""
@@ -147,7 +154,7 @@ class Speaker:
     def _run(self, more: list[str], text: str) -> bytes:
         spoken = _ESPEAK_MARKUP.sub(" ", text)
         try:
-            done = subprocess.run([*self._command, *more], input=spoken.encode(), capture_output=True, timeout=_SPEAK_TIMEOUT_S)
+            done = subprocess.run([*self._command, *more], input=spoken.encode(), capture_output=True, timeout=self._timeout_s)
         except (OSError, subprocess.TimeoutExpired) as error:
             raise SpeechUnavailable(f"espeak-ng failed: {error}; use --no-speech") from error
         if done.returncode:

@@ -21,6 +21,11 @@ class SpottingEndpointer:
         """The sound of the present utterance, or of the last one."""
         return self._endpointer.utterance
 
+    @property
+    def busy_s(self) -> float:
+        """How long the spotter has been busy with one window, in s."""
+        return self._spotter.busy_s
+
     def push(self, frame: bytes) -> Edge | None:
         """Take the next frame, and return the edge that it is, if any."""
         edge = self._endpointer.push(frame)

@@ -7,6 +7,7 @@ A thread recognizes the newest seconds of the utterance every 0.1 s. The end of 
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 from lupin_runtime.voice.endpointer import SAMPLE_BYTES, SAMPLE_RATE_HZ
@@ -20,7 +21,10 @@ _BYTES_PER_S = SAMPLE_RATE_HZ * SAMPLE_BYTES
 
 
 class StopSpotter:
-    """Calls `stop` from its thread, once for each utterance in which a word for stopping is heard."""
+    """Calls `stop` from its thread when a word for stopping is heard, and again once WINDOW_S of new sound has come.
+
+    In a noise an utterance may last long after its stop: a second one must be heard, too.
+    """
 
     def __init__(self, recognizer: Recognizer, stop: Callable[[str], None]) -> None:
         self._recognizer = recognizer
@@ -29,7 +33,9 @@ class StopSpotter:
         self._utterance = 0
         self._sound = b""
         self._heard_bytes = self._agreeing = 0
-        self._has_stopped = self._is_closed = False
+        self._deaf_until = 0  # bytes of the utterance, after a stop
+        self._is_closed = False
+        self._window_began_s: float | None = None
         self._thread = threading.Thread(target=self._run, name="lupin-stop-spotter", daemon=True)
         self._thread.start()
 
@@ -37,13 +43,19 @@ class StopSpotter:
         """Begin a new utterance."""
         with self._changed:
             self._utterance += 1
-            self._sound, self._heard_bytes, self._agreeing, self._has_stopped = b"", 0, 0, False
+            self._sound, self._heard_bytes, self._agreeing, self._deaf_until = b"", 0, 0, 0
 
     def update(self, utterance: bytes) -> None:
         """Take the sound of the utterance so far."""
         with self._changed:
             self._sound = utterance
             self._changed.notify()
+
+    @property
+    def busy_s(self) -> float:
+        """How long the recognizer has been busy with one window, in s; 0 while it waits."""
+        began_s = self._window_began_s
+        return 0.0 if began_s is None else time.monotonic() - began_s
 
     def close(self) -> None:
         """End the thread, after the window that it hears now."""
@@ -55,13 +67,17 @@ class StopSpotter:
     def _run(self) -> None:
         while (window := self._next_window()) is not None:
             number, sound = window
+            self._window_began_s = time.monotonic()
             text = self._recognizer.transcribe_window(sound)
+            self._window_began_s = None
             with self._changed:
                 if number != self._utterance:
                     continue
                 self._agreeing = self._agreeing + 1 if has_stop_word(text) else 0
-                self._has_stopped = self._agreeing >= AGREEING_WINDOWS
-            if self._has_stopped:
+                is_stop = self._agreeing >= AGREEING_WINDOWS
+                if is_stop:
+                    self._agreeing, self._deaf_until = 0, self._heard_bytes + int(WINDOW_S * _BYTES_PER_S)
+            if is_stop:
                 self._stop(text)
 
     def _next_window(self) -> tuple[int, bytes] | None:
@@ -80,4 +96,5 @@ class StopSpotter:
 
     def _has_enough(self) -> bool:
         new = len(self._sound) - self._heard_bytes
-        return not self._has_stopped and len(self._sound) >= _MIN_SPEECH_S * _BYTES_PER_S and new >= STEP_S * _BYTES_PER_S
+        first = max(_MIN_SPEECH_S * _BYTES_PER_S, self._deaf_until)
+        return len(self._sound) >= first and new >= STEP_S * _BYTES_PER_S

@@ -93,6 +93,15 @@ def test_one_utterance_stops_once_and_the_next_again(speaker: Speaker) -> None:
     assert speaker.stops.empty() and speaker.script.windows.empty()
 
 
+def test_second_stop_of_a_long_utterance_is_heard(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say(*["stop"] * AGREEING_WINDOWS)
+    assert speaker.stops.get(timeout=TIMEOUT_S) == "stop"
+    speaker.sound += b"\3" * int(WINDOW_S * SECOND)
+    speaker.say(*["halt"] * AGREEING_WINDOWS)
+    assert speaker.stops.get(timeout=TIMEOUT_S) == "halt"
+
+
 def test_window_is_the_newest_sound(speaker: Speaker) -> None:
     speaker.begin()
     speaker.sound *= 6
