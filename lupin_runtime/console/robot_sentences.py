@@ -7,7 +7,7 @@ no sentence of this table is shown as it is.
 
 from __future__ import annotations
 
-from lupin_runtime.console import authority, doctor, locations, maps, motion_watch, pairing
+from lupin_runtime.console import authority, doctor, locations, maps, motion_watch, pairing, voice_listener, voice_offline
 from lupin_runtime.drive import arbiter
 from lupin_runtime.mission import events
 from lupin_runtime.safety import console_server_stop, console_stop, estop, estop_monitor, expected_sources
@@ -55,6 +55,14 @@ SENTENCES = {
     "no_such_map": maps.NO_SUCH_MAP,
     "mission_runs": motion_watch.MISSION_RUNS,
     "drives_to_goal": motion_watch.DRIVES_TO_GOAL,
+    "listener_busy": voice_listener.BUSY,
+    "listener_still_ending": voice_listener.STILL_ENDING,
+    "listener_not_ready": voice_listener.NOT_READY,
+    "listener_takes_nothing": voice_listener.TAKES_NOTHING,
+    "listener_ended": voice_listener.ENDED,
+    "listener_ended_with": voice_listener.ENDED_WITH,
+    "sentence_outdated": voice_offline.OUTDATED,
+    "too_many_sentences": voice_offline.TOO_MANY,
     "event_navigation_retry": events.NAVIGATION_RETRY,
     **{f"event_{code}": label for code, (_, label) in events.LABELS.items() if label != estop_monitor.ESTOP_ENGAGED},
     **{f"detail_{code}": words for code, words in events.EXPLANATIONS.items()},

@@ -15,6 +15,7 @@ from lupin_runtime.voice.listener_protocol import Kind
 
 MODES = ("off", "stops", "commands")
 FRAMES_PER_S = 25.0  # a microphone sends 20
+MAX_NAMES = 1000  # characters
 MAX_BURST = 60  # frames that may come at once, after a network that was away
 
 # Reasons of refusals.
@@ -52,6 +53,8 @@ class Hearing:
         self._stop = stop
         self._turn = turn
         self._setup: dict[str, Any] = {"names": []}
+        self._begun = ""  # id of the turn in speech that the listener hears
+        self._awaited = ""  # id of the turn in speech that it recognizes
         self._allowance = 0.0  # frames that may come now
         self._counted_s = 0.0
         self._problems: set[str] = set()  # that were reported since it listens: a flood must not be answered by another
@@ -89,7 +92,7 @@ class Hearing:
 
     def expect(self, names: Iterable[str]) -> None:
         """Let the recognizer expect these names."""
-        setup = {**self._setup, "names": list(names)}
+        setup = {**self._setup, "names": _some(names)}
         if setup != self._setup:
             self._setup = setup
             self._listener.send(self, Kind.SETUP, json.dumps(setup).encode())
@@ -107,20 +110,31 @@ class Hearing:
 
     def begin_turn(self, identifier: str) -> None:
         """Note that a turn in speech begins."""
+        self._begun = identifier if self.hears_turns else ""
         if self.hears_turns:
             self._listener.send(self, Kind.BEGIN, identifier.encode())
 
+    def drop_turn(self) -> None:
+        """Note that the turn in speech does not count any more: what is said from now on belongs to none."""
+        if self._begun:
+            self._begun = ""
+            self._listener.send(self, Kind.BEGIN, b"")
+
     def end_turn(self, identifier: str) -> bool:
         """Note that a turn in speech has ended; return whether it will be recognized."""
-        if self.hears_turns:
+        is_heard = self.hears_turns and self._begun == identifier
+        if is_heard:
+            self._begun, self._awaited = "", identifier
             self._listener.send(self, Kind.END, identifier.encode())
-        return self.hears_turns
+        return is_heard
 
     # -- ListenerUser ---------------------------------------------------------------------------------------------------
     def listener_changed(self, state: ListenerState) -> None:
         """The listener is in another state."""
         self.state = state
         self._changed()
+        if state.name not in ("starting", "ready") and self._awaited:
+            self.turn_heard(self._awaited, "")
 
     def stop_heard(self, text: str) -> None:
         """A word for stopping was heard."""
@@ -128,6 +142,7 @@ class Hearing:
 
     def turn_heard(self, identifier: str, text: str) -> None:
         """A turn was recognized."""
+        self._awaited = ""
         self._turn(identifier, text)
 
     def _may_come(self) -> bool:
@@ -143,6 +158,18 @@ class Hearing:
         if problem not in self._problems:
             self._problems.add(problem)
             raise BadSound(problem)
+
+
+def _some(names: Iterable[str]) -> list[str]:
+    """Return as many names as the recognizer can expect."""
+    kept: list[str] = []
+    length = 0
+    for name in names:
+        length += len(name)
+        if length > MAX_NAMES:
+            break
+        kept.append(name)
+    return kept
 
 
 def _is_level(value: Any) -> bool:

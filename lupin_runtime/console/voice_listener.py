@@ -24,14 +24,19 @@ MAX_SOUNDS = 40  # frames that wait, 2 s; older ones are of no use to a stop
 MAX_DROPPED = 200  # frames, 10 s
 MAX_MARKS = 100
 MAX_ENDING = 2  # processes that are being ended while another is started
+MAX_EVENTS_PER_S = 50
+START_TIMEOUT_S = 120.0  # of a process that loads its model on a busy computer
 _PIPE_BYTES = 16_000
 _END_TIMEOUT_S = 2.0
+_CLOSE_TIMEOUT_S = 5.0
 
 # Reasons.
 BUSY = "the console listens to {name}"
 STILL_ENDING = "the processes before are still ending; ask again"
+NOT_READY = f"it was not ready within {START_TIMEOUT_S:g} s; it is started again when you begin to speak"
 TAKES_NOTHING = "it took no sound for 10 s, and was ended; it is started again when you begin to speak"
-ENDED = "it ended by itself{reason}; it is started again when you begin to speak"
+ENDED = "it ended by itself; it is started again when you begin to speak"
+ENDED_WITH = "it ended by itself ({reason}); it is started again when you begin to speak"
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,8 @@ class VoiceListener:
         """End the process, and wait for its end."""
         self._is_closed = True
         self._end()
-        await asyncio.gather(*self._ending, return_exceptions=True)
+        if self._ending:
+            await asyncio.wait(self._ending, timeout=_CLOSE_TIMEOUT_S)
 
     def _end(self) -> None:
         if self._process is not None:
@@ -119,6 +125,12 @@ class _Process:
         self._filled = asyncio.Event()
         self._dropped = 0  # frames since one was taken
         self._task = asyncio.ensure_future(self._run(command))
+        self._start_limit = asyncio.get_running_loop().call_later(START_TIMEOUT_S, self._give_up)
+
+    def _give_up(self) -> None:
+        if self.state.name == "starting":
+            self._change("failed", NOT_READY)
+            self._cancel()
 
     @property
     def is_alive(self) -> bool:
@@ -163,20 +175,29 @@ class _Process:
             self._change("failed", str(error))
             return
         assert process.stdin is not None and process.stdout is not None and process.stderr is not None
-        tasks = [asyncio.ensure_future(self._write(process.stdin)), asyncio.ensure_future(_last_line(process.stderr))]
+        writer = asyncio.ensure_future(self._write(process.stdin))
+        last_line = asyncio.ensure_future(_last_line(process.stderr))
         try:
             await self._read(process.stdout)
-            reason = await tasks[1]
-            self._change("failed", ENDED.format(reason=f" ({reason})" if reason else ""))
+            reason = await last_line
+            self._change("failed", ENDED_WITH.format(reason=reason) if reason else ENDED)
         except ValueError as error:  # a line that is no event, or is too long
             self._change("failed", f"it sent what is no event: {error}")
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
         finally:
-            self._change("failed", ENDED.format(reason=""))
+            self._change("failed", ENDED)
             self._is_ending = True
+            self._start_limit.cancel()
             process.stdin.close()
-            for task in tasks:
-                task.cancel()
-            await _wait_for_end(process)
+            writer.cancel()
+            # A pipe that nobody reads keeps the end of the process from being noticed.
+            rest = asyncio.ensure_future(_last_line(process.stdout))
+            try:
+                await _wait_for_end(process)
+            finally:
+                last_line.cancel()
+                rest.cancel()
 
     async def _write(self, pipe: asyncio.StreamWriter) -> None:
         pipe.transport.set_write_buffer_limits(high=_PIPE_BYTES)
@@ -191,7 +212,13 @@ class _Process:
                     self._dropped = 0
 
     async def _read(self, pipe: asyncio.StreamReader) -> None:
+        loop, began_s, count = asyncio.get_running_loop(), 0.0, 0
         while line := await pipe.readline():
+            if loop.time() - began_s > 1.0:
+                began_s, count = loop.time(), 0
+            count += 1
+            if count > MAX_EVENTS_PER_S:
+                raise ValueError(f"more than {MAX_EVENTS_PER_S} lines in a second")
             event = parse_json(line)
             if self._is_dropped or not isinstance(event, dict):
                 continue

@@ -9,21 +9,25 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol
 
 from lupin_runtime.console.voice_hearing import Hearing
-from lupin_runtime.voice.dialog import Dialog, Reply, Turn
+from lupin_runtime.voice.dialog import Dialog, Reply, Turn, describe
 from lupin_runtime.voice.english import ENGLISH
-from lupin_runtime.voice.grammar import has_stop_word
+from lupin_runtime.voice.grammar import has_stop_word, sounds_like_stop
 from lupin_runtime.voice.language import Language
 from lupin_runtime.voice.languages import LANGUAGES
 from lupin_runtime.voice.slots import Names
+from lupin_runtime.voice.sounds import BadSound
 from lupin_runtime.voice.speech import Speaker, SpeechUnavailable
-from lupin_runtime.voice.utterance import Confirmation
+from lupin_runtime.voice.tools import BY_NAME, Effect
+from lupin_runtime.voice.utterance import Call, Confirmation
 
 MAX_SENTENCES = 20  # that wait
 MAX_TEXT = 2000
 _NAMES_AGE_S = 10.0
+_SPEAK_TIMEOUT_S = 5.0
 _NAMES_TIMEOUT_S = 1.0  # a sentence is handled without the names of an arm's library that does not answer
 
 # Reasons.
@@ -113,13 +117,16 @@ class OfflineAgent:
         self._names: asyncio.Task[None] | None = None
         self._names_read_s = 0.0
         self._spoken: tuple[str, int] | None = None  # id and number of the last turn in speech, unless a stop has ended it
+        self._spoken_answers = ""  # what was read back when that turn began
         self._stopped = ""  # id of the turn in speech in which a stop was heard
         self._speaker: Speaker | None = None
         self._is_mute = False  # as there is no speech output
+        self._voice = ThreadPoolExecutor(1, "lupin-voice-replies")  # of its own: speech output that hangs delays nothing else
 
     def close(self) -> None:
         """Drop everything."""
         self.drop()
+        self._voice.shutdown(wait=False, cancel_futures=True)
         if self._names is not None:
             self._names.cancel()
 
@@ -128,6 +135,7 @@ class OfflineAgent:
         if self._spoken is not None and stop_heard:
             self._stopped = self._spoken[0]
         self._spoken = None
+        self._hearing.drop_turn()
         self._dialog.forget()
         for task in self._tasks:
             task.cancel()
@@ -139,27 +147,31 @@ class OfflineAgent:
         if not isinstance(text, str) or not 0 < len(text) <= MAX_TEXT or language is None:
             raise BadSentence(BAD_SAY)
         turn = Turn(text, "text", identifier)
-        if has_stop_word(text):
-            self.drop()
-            self._start(self._reply(turn, lambda: self._dialog.stop(turn)))
+        self._hearing.drop_turn()
+        if stop := self._stop_in(text, language):
+            self._carry_out_stop(turn, stop)
         elif self._is_full:
-            raise BadSentence(TOO_MANY)
+            self._answer_at_once(Reply(text, TOO_MANY, False), identifier)
         else:
-            self._start(self._in_order(turn, lambda: self._understand(turn, language)))
+            spoken, answers = self._spoken, self._dialog.read_back
+            self._start(self._in_order(turn, lambda: self._understand(turn, language, spoken, answers)))
 
     def answer(self, identifier: str, fields: Mapping[str, Any]) -> None:
         """Handle a button that answers a read-back, as a turn with this id. Raises BadSentence."""
         agrees = fields.get("agrees")
         if not isinstance(agrees, bool):
             raise BadSentence(BAD_ANSWER)
-        if self._is_full:
-            raise BadSentence(TOO_MANY)
         turn = Turn("", "button", identifier)
-        self._start(self._in_order(turn, lambda: self._dialog.answer(turn, Confirmation(agrees))))
+        self._hearing.drop_turn()
+        if self._is_full:
+            self._answer_at_once(Reply("", TOO_MANY, False), identifier)
+            return
+        spoken, answers = self._spoken, self._dialog.read_back
+        self._start(self._in_order(turn, lambda: self._press(turn, agrees, spoken, answers)))
 
     def begin_speech(self, identifier: str) -> None:
         """Note that a turn in speech has begun."""
-        self._spoken = identifier, self._calls.turn
+        self._spoken, self._spoken_answers = (identifier, self._calls.turn), self._dialog.read_back
         self._hearing.begin_turn(identifier)
 
     def end_speech(self, identifier: str) -> None:
@@ -171,22 +183,46 @@ class OfflineAgent:
     # -- what the listener hears ----------------------------------------------------------------------------------------
     def hear(self, identifier: str, text: str) -> None:
         """Handle a turn that was recognized. Words for stopping count, whatever has happened since."""
-        if has_stop_word(text):
+        turn = Turn(text, "speech", identifier)
+        stop = self._stop_in(text, ENGLISH)
+        if stop is not None and stop.tool == "engage_estop":
             self._report(identifier, text)
             if identifier != self._stopped:
                 self._calls.stop_at_once(text)
         elif self._spoken != (identifier, self._calls.turn):
             self._report(identifier, text, OUTDATED)
+        elif stop is not None:
+            self._report(identifier, text)
+            self._carry_out_stop(turn, stop)
         elif self._is_full:
             self._report(identifier, text, TOO_MANY)
         else:
             self._report(identifier, text)
             if text or self._dialog.waits_for_answer:
-                turn = Turn(text, "speech", identifier)
-                self._start(self._in_order(turn, lambda: self._understand(turn, ENGLISH)))
+                spoken, answers = self._spoken, self._spoken_answers
+                self._start(self._in_order(turn, lambda: self._understand(turn, ENGLISH, spoken, answers)))
 
     def _report(self, identifier: str, text: str, problem: str = "") -> None:
         self._send({"heard": {"id": identifier, "text": text, "problem": problem}})
+
+    # -- stops, which wait for nothing and are dropped by nothing --------------------------------------------------------
+    def _stop_in(self, text: str, language: Language) -> Call | None:
+        """Return what a sentence stops; None if it stops nothing."""
+        if has_stop_word(text):
+            return Call("engage_estop")
+        understood = self._dialog.understand(text, language)
+        return understood if isinstance(understood, Call) and BY_NAME[understood.tool].effect is Effect.STOP else None
+
+    def _carry_out_stop(self, turn: Turn, call: Call) -> None:
+        def answer(response: dict[str, Any]) -> None:
+            reply = Reply(turn.sentence, describe(call.tool, response), bool(response.get("ok")), call, response)
+            self._answer_at_once(reply, turn.identifier)
+
+        self.drop()
+        self._calls.begin_call(call.tool, dict(call.arguments), answer)
+
+    def _answer_at_once(self, reply: Reply, identifier: str) -> None:
+        self._send({"reply": {"id": identifier, **reply.as_object()}})
 
     # -- sentences ------------------------------------------------------------------------------------------------------
     @property
@@ -207,31 +243,41 @@ class OfflineAgent:
         async with self._order:
             await self._reply(turn, work)
 
-    async def _understand(self, turn: Turn, language: Language) -> Reply:
+    async def _understand(self, turn: Turn, language: Language, spoken: tuple[str, int] | None, answers: str) -> Reply:
+        """Handle a sentence that came after the turn in speech `spoken`, and may answer what was read back by then."""
         await self._wait_for_names()
-        if turn.by == "speech" and self._spoken != (turn.identifier, self._calls.turn):
+        if self._is_outdated(turn, spoken):
             return Reply(turn.sentence, OUTDATED, False)
         self._dialog.language = language
-        return await self._dialog.handle(turn)
+        return await self._dialog.handle(turn, answers)
+
+    async def _press(self, turn: Turn, agrees: bool, spoken: tuple[str, int] | None, answers: str) -> Reply:
+        if agrees and self._is_outdated(turn, spoken):
+            return Reply(turn.sentence, OUTDATED, False)
+        return await self._dialog.answer(turn, Confirmation(agrees), answers)
+
+    def _is_outdated(self, turn: Turn, spoken: tuple[str, int] | None) -> bool:
+        """Return whether the operator has begun to speak since; what was said is outdated by any other turn, too."""
+        return self._spoken != spoken or (turn.by == "speech" and spoken != (turn.identifier, self._calls.turn))
 
     async def _reply(self, turn: Turn, work: Callable[[], Awaitable[Reply]]) -> None:
         reply = await work()
-        self._send({"reply": {"id": turn.identifier, **reply.as_object()}})
+        self._answer_at_once(reply, turn.identifier)
         # The microphone must not hear a word for stopping from the robot itself.
-        if self._hearing.mode == "commands" and not self._is_mute and not has_stop_word(reply.text):
+        if self._hearing.mode == "commands" and not self._is_mute and not sounds_like_stop(reply.text):
             self._start(self._speak(reply.text, self._calls.turn))
 
     async def _speak(self, text: str, turn: int) -> None:
         """Send the sound of a reply, unless the operator has begun another turn by then."""
-        sound = await asyncio.to_thread(self._synthesize, text)
+        sound = await asyncio.get_running_loop().run_in_executor(self._voice, self._synthesize, text)
         if sound and turn == self._calls.turn:
             self._play(sound)
 
     def _synthesize(self, text: str) -> bytes:
         try:
-            self._speaker = self._speaker or Speaker()
+            self._speaker = self._speaker or Speaker(timeout_s=_SPEAK_TIMEOUT_S)
             return self._speaker.synthesize(text)
-        except SpeechUnavailable:  # the page shows the text
+        except (SpeechUnavailable, BadSound):  # the page shows the text
             self._is_mute = True
             return b""
 

@@ -134,6 +134,8 @@ class VoiceSession:
         self.announce(identifier, by, ended=ended)
         if kinds[by] is TurnKind.SPEECH and self.turn != before:
             self._offline.begin_speech(identifier)
+        elif kinds[by] is not TurnKind.SPEECH:
+            self._hearing.drop_turn()
         if kinds[by] is TurnKind.SPEECH and ended:
             self._offline.end_speech(identifier)
 

@@ -14,7 +14,9 @@ from lupin_runtime.console.authority import Role, Session
 from lupin_runtime.console.voice_listener import (
     MAX_DROPPED,
     MAX_ENDING,
+    MAX_EVENTS_PER_S,
     MAX_MARKS,
+    NOT_READY,
     STILL_ENDING,
     TAKES_NOTHING,
     ListenerState,
@@ -26,6 +28,8 @@ from tests.support.fake_listener import COMMAND, sound_of
 
 READS_NOTHING = (sys.executable, "-c", "import time; print('{\"ready\": true}', flush=True); time.sleep(600)")
 DIES = (sys.executable, "-c", "raise SystemExit('out of memory')")
+FLOODS = (sys.executable, "-c", 'while True: print(\'{"stop": ""}\')')
+NEVER_READY = (sys.executable, "-c", "import time; time.sleep(600)")
 TALKS_NONSENSE = (sys.executable, "-c", "print('hello')")
 
 
@@ -130,6 +134,28 @@ def test_page_that_asks_again_and_again_starts_few_processes() -> None:
         assert states[-1] == ListenerState("failed", STILL_ENDING)
 
     run(COMMAND, test)
+
+
+def test_process_that_floods_is_ended() -> None:
+    async def test(listener: VoiceListener, user: User) -> None:
+        listener.start(user)
+        assert "lines in a second" in (await user.until_state("failed")).reason
+        assert len(user.heard) <= MAX_EVENTS_PER_S
+        listener.stop(user)
+        while listener._ending:
+            await asyncio.sleep(0.01)
+
+    run(FLOODS, test)
+
+
+def test_process_that_never_becomes_ready_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(voice_listener, "START_TIMEOUT_S", 0.1)
+
+    async def test(listener: VoiceListener, user: User) -> None:
+        listener.start(user)
+        assert (await user.until_state("failed")).reason == NOT_READY
+
+    run(NEVER_READY, test)
 
 
 def test_process_that_takes_nothing_is_ended() -> None:

@@ -24,6 +24,9 @@ STOPPED = "stop of voice agent of phone-1"
 class FakeSpeaker:
     """Makes sound of a text without espeak-ng."""
 
+    def __init__(self, *, timeout_s: float) -> None:
+        assert timeout_s > 0.0
+
     def synthesize(self, text: str) -> bytes:
         return text.encode()
 
@@ -208,13 +211,102 @@ def test_typed_stop_does_not_wait_and_drops_what_waits() -> None:
         rig.send(say={"id": "a", "text": "lights blue"})
         for number in range(MAX_SENTENCES + 5):
             rig.send(say={"id": f"b{number}", "text": DRIVE})
-        assert {"error": TOO_MANY} in rig.sent
+        assert {"b24"} <= {reply["id"] for reply in rig.messages("reply") if reply["message"] == TOO_MANY}
         assert (await talk.type("stop"))["call"]["tool"] == "engage_estop"
         for _, done in rig.bridge.calls:
             done(True, {"status": True})
         await settle()
         assert STOPPED in rig.bridge.log and 0.2 not in rig.bridge.log
-        assert [reply["id"] for reply in rig.messages("reply")] == ["said 1"]
+        assert [reply["id"] for reply in rig.messages("reply") if reply["message"] != TOO_MANY] == ["said 1"]
+
+    run(test)
+
+
+@pytest.mark.parametrize("after", [{"cancel": True}, {"call": {"id": "1", "name": "arm_stop"}}], ids=["cancel", "arm-stop"])
+def test_typed_stop_survives_what_comes_with_it(after: dict[str, Any]) -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(say={"id": "a", "text": "stop"})
+        rig.send(**after)
+        await settle()
+        assert STOPPED in rig.bridge.log and rig.messages("reply")[0]["id"] == "a"
+
+    run(test)
+
+
+@pytest.mark.parametrize("is_spoken", [False, True], ids=["typed", "spoken"])
+@pytest.mark.parametrize("text", ["press the e-stop", "freeze the arm"])
+def test_sentence_that_stops_waits_for_no_other(text: str, is_spoken: bool) -> None:
+    async def test(rig: Rig) -> None:
+        talk = Talk(rig)
+        rig.listen("commands")
+        rig.send(say={"id": "waits", "text": "lights blue"})
+        await settle()
+        waiting = [service for service, _ in rig.bridge.calls]
+        assert waiting == [graph.LEDS_SET.name]
+        if is_spoken:
+            talk.end(talk.begin(), text)
+        else:
+            rig.send(say={"id": "stops", "text": text})
+        await settle()
+        called = [service for service, _ in rig.bridge.calls][len(waiting) :]
+        assert STOPPED in rig.bridge.log if "e-stop" in text else graph.ARM_LIBRARY_STOP.name in called
+
+    run(test)
+
+
+def test_stop_in_a_turn_ends_that_turn_for_the_listener() -> None:
+    async def test(rig: Rig) -> None:
+        talk = Talk(rig)
+        user = rig.listen("commands")
+        talk.begin()
+        user.stop_heard("stop")
+        assert rig.listener.sent[-1] == (Kind.BEGIN, b"")
+
+    run(test)
+
+
+@pytest.mark.parametrize("how", ["typed", "button"])
+def test_yes_that_came_before_the_read_back_confirms_nothing(how: str) -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(say={"id": "a", "text": "go to x 1 y 2"})
+        rig.send(**({"say": {"id": "b", "text": "yes"}} if how == "typed" else {"answer": {"id": "b", "agrees": True}}))
+        await settle()
+        assert rig.messages("reply")[0]["read_back"] and graph.GOAL_POSE.name not in rig.bridge.log
+        assert (await Talk(rig).press(True))["done"]
+
+    run(test)
+
+
+def test_typed_sentence_is_dropped_if_the_operator_begins_to_speak() -> None:
+    async def test(rig: Rig) -> None:
+        rig.listen("commands")
+        rig.send(say={"id": "a", "text": DRIVE})
+        Talk(rig).begin()
+        await settle()
+        assert 0.2 not in rig.bridge.log and rig.messages("reply")[-1]["message"] == OUTDATED
+
+    run(test)
+
+
+def test_turn_that_began_before_the_listener_was_ready_is_reported() -> None:
+    async def test(rig: Rig) -> None:
+        rig.listener.state = ListenerState("starting")
+        user = rig.listen("commands")
+        rig.send(turn={"id": "x", "by": "speech", "ended": False})
+        user.listener_changed(ListenerState("ready"))
+        rig.send(turn={"id": "x", "by": "speech", "ended": True})
+        assert rig.messages("heard")[-1]["problem"]
+
+    run(test)
+
+
+def test_turn_that_a_listener_takes_along_is_reported() -> None:
+    async def test(rig: Rig) -> None:
+        user = rig.listen("commands")
+        rig.send(turn={"id": "x", "by": "speech", "ended": False})
+        rig.send(turn={"id": "x", "by": "speech", "ended": True})
+        user.listener_changed(ListenerState("failed", "a reason"))
+        assert rig.messages("heard")[-1]["id"] == "x"
 
     run(test)
 
@@ -269,7 +361,7 @@ def test_reply_is_spoken_without_words_for_stopping() -> None:
 
 
 def test_computer_without_speech_output_shows_the_text(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail() -> FakeSpeaker:
+    def fail(**_: float) -> FakeSpeaker:
         raise SpeechUnavailable("no espeak-ng")
 
     monkeypatch.setattr(voice_offline, "Speaker", fail)
