@@ -78,7 +78,7 @@ export function StoppedBanner() {
             ? text("release_failed", { reason: problem })
             : mayRelease
               ? text(stopped || wasStopped ? "nothing_moves_after_release" : "cannot_drive_yet_hint")
-              : elsewhere() !== null && !gate.isStated ? text("elsewhere_no_command") : text(gate.isStated ? "release_needs_withdrawal" : stopped ? "release_needs_control" : "driving_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
+              : elsewhere() !== null && !gate.isStated ? text("elsewhere_no_command") : text(gate.isStated ? "release_needs_withdrawal" : stopped || wasStopped ? "release_needs_control" : "driving_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
           {lines.some(({ name }) => name !== null) && text("this_browser_is", { name: state.session.name })}
         </span>
       </p>

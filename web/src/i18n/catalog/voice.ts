@@ -4,7 +4,7 @@ const en = {
   voice_unmet: "missing",
 
   voice_state_off: "Ready",
-  voice_state_scripted_only: "No key yet",
+  voice_state_scripted_only: "No model here",
   voice_state_failed: "It ended",
   voice_state_connecting: "Connecting",
   voice_state_link_lost: "Link lost",
@@ -146,7 +146,7 @@ const nl: Record<keyof typeof en, string> = {
   voice_unmet: "ontbreekt",
 
   voice_state_off: "Gereed",
-  voice_state_scripted_only: "Nog geen sleutel",
+  voice_state_scripted_only: "Hier is geen model",
   voice_state_failed: "Afgebroken",
   voice_state_connecting: "Verbinden",
   voice_state_link_lost: "Verbinding weg",

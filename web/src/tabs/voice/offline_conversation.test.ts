@@ -23,6 +23,7 @@ function begun(parts: Partial<OfflineParts> = {}) {
     language: () => "en",
     isClosed: () => false,
     inWords: ({ phrase }) => phrase?.key ?? "",
+    translated: (words) => words,
     ended,
     now: () => nowMs,
     ...parts,

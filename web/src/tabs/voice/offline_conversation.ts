@@ -17,6 +17,8 @@ export interface OfflineParts {
   isClosed: () => boolean;
   /** A text of the catalog for the transcript, in the page's language. */
   inWords: (error: TextError) => string;
+  /** What the console says, in the page's language. */
+  translated: (words: string) => string;
   /** Called once the conversation is over by itself. */
   ended: () => void;
   now?: () => number;
@@ -152,7 +154,7 @@ export class OfflineConversation implements Talk {
     },
     heard: (id, text, problem) => {
       if (text !== "") this.write("operator", text);
-      if (problem !== "") this.write("page", problem);
+      if (problem !== "") this.write("page", this.parts.translated(problem));
       if (id === this.turn && (text === "" || problem !== "")) this.show({ isThinking: false });
     },
     replied: (reply) => this.take(reply),

@@ -5,7 +5,8 @@ import { openSocket } from "@/api/sockets";
 import { socketUrl } from "@/environment";
 import { VOICE_TOOLS, type VoiceToolName } from "@/generated/voice_tools";
 import { errorText } from "@/i18n/error_text";
-import { textIn } from "@/i18n/text";
+import { wordsIn } from "@/i18n/robot_words";
+import { textIn, useLanguage } from "@/i18n/text";
 import { TextError } from "@/i18n/text_error";
 import { gate } from "@/robot/stop";
 import { CommandRefused, refuseCommand } from "@/safety/guard";
@@ -63,7 +64,7 @@ class VoiceSession {
     void this.context.resume();
     const common = { consoleUrl: socketUrl("/_api/voice"), openConsole: openSocket, player: this.player, inWords: errorText, ended: () => endVoice() };
     if (by === "offline") {
-      this.conversation = new OfflineConversation({ ...common, language: typedLanguage, isClosed });
+      this.conversation = new OfflineConversation({ ...common, language: typedLanguage, isClosed, translated: (words) => wordsIn(useLanguage.getState().language, words) });
       return;
     }
     const model = liveModel(setting("geminiModel"));
@@ -89,11 +90,12 @@ class VoiceSession {
 
   /** Begin a turn in speech, of which a button or the endpointer is the cause. */
   beginTalk(): void {
-    const { isOperatorSpeaking, isConsoleOpen, isTypedOnly } = useVoice.getState();
-    if (isOperatorSpeaking || !isConsoleOpen || isTypedOnly) return;
-    this.talkedMs = 0;
-    const listener = useVoice.getState().console?.listener.state;
+    const { isOperatorSpeaking, isConsoleOpen, isTypedOnly, console } = useVoice.getState();
+    if (isOperatorSpeaking || !isConsoleOpen) return;
+    const listener = console?.listener.state;
     if (listener === "failed" || listener === "busy") this.requestListening();
+    if (isTypedOnly) return;
+    this.talkedMs = 0;
     this.conversation.beginSpeech();
     for (const frame of this.preroll) this.conversation.hear(frame);
     this.preroll = [];
@@ -113,7 +115,8 @@ class VoiceSession {
       if (useVoice.getState().isOperatorSpeaking) this.endTalk();
       return;
     }
-    const mode = talkMode(setting("voicePushToTalk"), setting("voiceVadEnabled"));
+    // Where nothing that is said is understood, the words for stopping are heard all the same.
+    const mode = useVoice.getState().isTypedOnly ? "open" : talkMode(setting("voicePushToTalk"), setting("voiceVadEnabled"));
     const heard = mode === "open" ? this.endpointer.take(level, FRAME_MS) : null;
     // A model takes its own voice for no command, but the grammar would.
     if (heard === "begin") this.isOwnVoice = this.by === "offline" && this.player.isPlaying;
