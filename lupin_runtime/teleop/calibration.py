@@ -72,7 +72,8 @@ class Calibrator:
                 self._pressed.discard(event.code)
             elif event.type == EV_KEY and event.code in _BUTTONS:
                 self._pressed.add(event.code)
-        moved = {code for code in self._values if abs(self._place(code)) >= AT_REST}
+        is_for_axes = self.step is None or self.step.is_axis
+        moved = {code for code in self._values if abs(self._place(code)) >= AT_REST} if is_for_axes else set()
         if self._waits_for_rest:
             self._waits_for_rest = bool(moved or self._pressed)
         elif self.step is not None:
@@ -108,6 +109,9 @@ class Calibrator:
             if step.is_axis and self._place(candidate) > 0.0:
                 self.above_center.append(candidate)
             self._candidate, self._waits_for_rest = None, True
+            if self.step is not None and self.step.is_axis and not step.is_axis:
+                # No stick was asked for yet. Before its first report, the kernel had said 0 of each axis.
+                self._rest.update(self._values)
 
     def _rests_in_the_middle(self, code: int) -> bool:
         """Return whether an axis is that of a stick: a trigger rests at an end, where a stick would command full speed."""

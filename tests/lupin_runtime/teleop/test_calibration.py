@@ -89,6 +89,19 @@ def test_stick_that_is_moved_a_little_is_ignored() -> None:
     assert person.calibrator.step is STEPS[2]
 
 
+def test_pad_that_has_not_reported_its_sticks_yet_is_learned() -> None:
+    ranges = dict.fromkeys(GENERIC.axes, (0, 65535))
+    person = Person()
+    person.calibrator = Calibrator(ranges, dict.fromkeys(GENERIC.axes, 0))
+    person.send([event for code in (ABS_X, ABS_Y, ABS_Z) for event in axis(code, 32768, 0)] + key(L1, 1, 0))
+    person.send(key(L1, 0, 0))
+    person.button(R1)
+    for code in (ABS_Y, ABS_X, ABS_Z):
+        person.send(axis(code, 0, 0))
+        person.send(axis(code, 32768, 0))
+    assert person.calibrator.step is None and person.calibrator.above_center == []
+
+
 def test_trigger_is_not_taken_for_a_stick() -> None:
     person = Person({ABS_RX: -32768})
     for code in (L1, R1):
