@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from lupin_cli.command_group import command_group
 from lupin_cli.exit_codes import FAILURE, NO_RESULT, UNREACHABLE, USAGE_ERROR
 from lupin_cli.run.run_option import LIVE_RUN
-from lupin_cli.terminal import echo
+from lupin_cli.terminal import echo, sigterm_as_ctrl_c
 
 app = command_group(
     """Drive the robot of the live run by the keys of this terminal, and by gamepads if the run does not read them itself.
@@ -24,6 +25,11 @@ app = command_group(
     "lupin teleop",
     invoke_without_command=True,
 )
+
+
+def _reads_pads(stages: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether a run with these stages reads the gamepads of this computer."""
+    return any(stage.get("name") == "joystick" for stage in stages)
 
 
 @app.callback()
@@ -45,7 +51,8 @@ def drive(context: typer.Context, run: LIVE_RUN = None) -> None:
     with join_run(run) as session:
         from lupin_cli.run import teleop_session
 
-        teleop_session.drive(session, reads_pads=all(stage["name"] != "joystick" for stage in stages))
+        with sigterm_as_ctrl_c(), suppress(KeyboardInterrupt):
+            teleop_session.drive(session, reads_pads=not _reads_pads(stages))
 
 
 @app.command("test")
@@ -64,8 +71,9 @@ def show_events(
     from lupin_cli.run.pad_test import PadTest
     from lupin_runtime.stack.runs import live_runs
 
-    if live := live_runs():
-        echo(f"run {live[0].id} is up: a gamepad that is held here may also drive its robot", err=True)
+    for live in live_runs():
+        if _reads_pads(live.state().get("stages", [])):
+            echo(f"run {live.id} reads the gamepads: one that is held here also drives its robot", err=True)
     shown = PadTest(as_json)
     with suppress(KeyboardInterrupt):
         shown.run(seconds)
@@ -97,7 +105,7 @@ def calibrate(
     from lupin_runtime.teleop.map_files import map_folder, map_path, map_text, write_map
 
     for live in live_runs():
-        if any(stage["name"] == "joystick" for stage in live.state().get("stages", [])):
+        if _reads_pads(live.state().get("stages", [])):
             echo(f"run {live.id} drives by the gamepads; end it first: lupin down", err=True)
             raise typer.Exit(UNREACHABLE)
     found = [each for each in find_candidates(connected_pads.DEVICES, connected_pads.SYSFS) if device in ("", each.path.name)]

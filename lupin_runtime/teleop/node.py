@@ -38,7 +38,7 @@ class PadTeleop(LupinNode):
         maps = Path(self.parameter("maps", str(map_folder())))
         self._pads = ConnectedPads(devices, sysfs, maps=maps, inform=log.info, warn=log.warning)
         self._driver = PadDriver()
-        self._alerts, self._rumbles = AlertRules(), Rumbles(devices, log.info)
+        self._alerts, self._rumbles = AlertRules(), Rumbles(devices, sysfs, log.info)
         self._wakes = 0
         self._closed = False
         self._velocity = self.publisher(graph.CMD_VEL_JOY)

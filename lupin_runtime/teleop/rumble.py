@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import errno
 import fcntl
 import os
 import struct
@@ -61,6 +62,7 @@ _EFFECT = struct.Struct("@HhHHHHH0P")
 _UNION_BYTES = struct.calcsize("@9HIP")
 _STRENGTHS = struct.Struct("@HH")
 _EFFECT_BYTES = _EFFECT.size + _UNION_BYTES
+_VIRTUAL = Path("/sys/devices/virtual/input")  # of uinput; Bluetooth has other folders
 _EV_FF, _FF_RUMBLE = 0x15, 0x50
 _UPLOAD = 0x4000_4580 | _EFFECT_BYTES << 16  # EVIOCSFF
 
@@ -78,9 +80,9 @@ def encode_rumble(alert: Alert) -> bytearray:
 class Rumbles:
     """The effects of the connected pads that can rumble, by the names of their devices."""
 
-    def __init__(self, devices: Path, inform: Callable[[str], object]) -> None:
+    def __init__(self, devices: Path, sysfs: Path, inform: Callable[[str], object]) -> None:
         """`inform` is told once of each pad that cannot rumble."""
-        self._devices, self._inform = devices, inform
+        self._devices, self._sysfs, self._inform = devices, sysfs, inform
         self._files: dict[str, int | None] = {}  # None: it cannot rumble
         self._numbers: dict[tuple[str, Alert], int] = {}
 
@@ -110,6 +112,9 @@ class Rumbles:
         self.follow(())
 
     def _open(self, name: str) -> None:
+        if _VIRTUAL in (self._sysfs / name).resolve().parents:
+            # The program that made it answers each request, or lets this one wait for half a minute.
+            raise OSError(errno.EOPNOTSUPP, "it is made by a program")
         # A file of its own: without the right to write, a pad can still drive.
         file = os.open(self._devices / name, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         self._files[name] = file

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import struct
 
+import pytest
+
 from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
+from lupin_runtime.teleop import rumble
 from lupin_runtime.teleop.rumble import LOST_S, REPEAT_S, Alert, AlertRules, Rumbles, encode_rumble
 from tests.support import pad_ids
 from tests.support.fake_pads import FakePads
@@ -54,9 +57,19 @@ def test_effect_is_as_long_as_the_kernel_expects() -> None:
 def test_pad_that_cannot_rumble_is_named_once(fake_pads: FakePads) -> None:
     told: list[str] = []
     fake_pads.plug("event5", pad_ids.XBOX_USB)
-    rumbles = Rumbles(fake_pads.devices, told.append)
+    rumbles = Rumbles(fake_pads.devices, fake_pads.sysfs, told.append)
     for _ in range(2):
         rumbles.follow(["event5"])
         rumbles.play(Alert.LOST)
     assert told == ["event5 does not rumble: Inappropriate ioctl for device"]
+    rumbles.close()
+
+
+def test_pad_that_a_program_has_made_is_asked_nothing(fake_pads: FakePads, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    fake_pads.plug("event5", pad_ids.XBOX_USB)
+    monkeypatch.setattr(rumble, "_VIRTUAL", fake_pads.sysfs.resolve())
+    rumbles = Rumbles(fake_pads.devices, fake_pads.sysfs, told.append)
+    rumbles.follow(["event5"])
+    assert told == ["event5 does not rumble: it is made by a program"]
     rumbles.close()
