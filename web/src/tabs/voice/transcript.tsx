@@ -4,6 +4,7 @@ import { useSetting } from "@/state/settings";
 import { cn } from "@/ui/cn";
 import { Panel } from "@/ui/panel";
 import { ScrollRegion } from "@/widgets/scroll_region";
+import { useCredential } from "./credentials";
 import { type Entry, useVoice } from "./voice_store";
 
 const NEAR_END_PX = 24;
@@ -44,8 +45,9 @@ function Line({ entry: { who, text: words } }: { entry: Entry }) {
   const text = useText();
   const isScripted = useVoice((view) => view.isScripted);
   const spoken = useSetting("voiceLanguage");
-  // A script speaks the language of the page.
-  const language = isScripted ? undefined : spoken;
+  const by = useCredential();
+  // A script speaks the language of the page, and the console's grammar answers in English.
+  const language = isScripted ? undefined : by === "offline" && who !== "operator" ? "en" : spoken;
   return (
     <li className={cn("max-w-[46rem] border-l-2 pl-3", who === "operator" ? "border-sensed" : who === "page" ? "border-attention" : "border-alive")}>
       <span className="block text-xs text-text-3">{text(`voice_who_${who}`)}</span>
