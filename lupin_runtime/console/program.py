@@ -46,8 +46,13 @@ class LupinProgram:
 async def _terminate(process: asyncio.subprocess.Process) -> None:
     with contextlib.suppress(ProcessLookupError):
         process.terminate()
+    await end_or_kill(process, _STOP_TIMEOUT_S)
+
+
+async def end_or_kill(process: asyncio.subprocess.Process, timeout_s: float) -> None:
+    """Wait until a process has ended; kill one that does not in time."""
     try:
-        await asyncio.wait_for(process.wait(), _STOP_TIMEOUT_S)
+        await asyncio.wait_for(process.wait(), timeout_s)
     except asyncio.TimeoutError:
         process.kill()
         await process.wait()

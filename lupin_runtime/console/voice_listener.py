@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from lupin_runtime.console.authority import Session
+from lupin_runtime.console.program import end_or_kill
 from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.json_text import parse_json
 from lupin_runtime.voice.listener_protocol import Kind, encode
@@ -194,7 +195,7 @@ class _Process:
             # A pipe that nobody reads keeps the end of the process from being noticed.
             rest = asyncio.ensure_future(_last_line(process.stdout))
             try:
-                await _wait_for_end(process)
+                await end_or_kill(process, _END_TIMEOUT_S)
             finally:
                 last_line.cancel()
                 rest.cancel()
@@ -239,15 +240,3 @@ async def _last_line(pipe: asyncio.StreamReader) -> str:
         last = (last + chunk)[-4096:]
     lines = last.decode(errors="replace").strip().splitlines()
     return lines[-1][-300:] if lines else ""
-
-
-async def _wait_for_end(process: asyncio.subprocess.Process) -> None:
-    """Wait until a process without standard input has ended; kill one that does not."""
-    try:
-        await asyncio.wait_for(process.wait(), _END_TIMEOUT_S)
-    except asyncio.TimeoutError:
-        process.kill()
-        await process.wait()
-    finally:
-        if process.returncode is None:  # the console stops, and waits no longer
-            process.kill()
