@@ -277,7 +277,7 @@ def test_yes_that_came_before_the_read_back_confirms_nothing(how: str) -> None:
     run(test)
 
 
-def test_typed_sentence_is_dropped_if_the_operator_begins_to_speak() -> None:
+def test_typed_sentence_is_dropped_if_the_operator_speaks() -> None:
     async def test(rig: Rig) -> None:
         rig.listen("commands")
         rig.send(say={"id": "a", "text": DRIVE})
@@ -288,7 +288,7 @@ def test_typed_sentence_is_dropped_if_the_operator_begins_to_speak() -> None:
     run(test)
 
 
-def test_turn_that_began_before_the_listener_was_ready_is_reported() -> None:
+def test_turn_that_began_before_the_listener_is_reported() -> None:
     async def test(rig: Rig) -> None:
         rig.listener.state = ListenerState("starting")
         user = rig.listen("commands")
