@@ -20,7 +20,7 @@ SYSFS = Path("/sys/class/input")
 SCAN_PERIOD_S = 1.0
 MAX_DEVICES = 64  # of the folder that are looked at
 
-IN_USE = "another run or lupin teleop drives by it; end that, or start this run with: lupin up --no-joystick"
+IN_USE = "it already drives for another run or in a terminal; end that, or start this run with: lupin up --no-joystick"
 _GROUP_ADVICE = "add yourself to the group input, and log in again: sudo usermod -aG input $USER"
 
 
