@@ -73,6 +73,7 @@ def connect(console: Console, folder: Path, role: str = "operator") -> VoiceClie
 
 def listen(voice: VoiceClient, mode: str = "stops") -> psutil.Process:
     """Have the console listen, and return the listener's process."""
+    voice.client.received.clear()  # of an earlier listener, which was ready, too
     voice.send(listen={"mode": mode})
     voice.wait_for_state(lambda state: state["listener"]["state"] == "ready")
     [process] = [each for each in psutil.Process().children() if "tests.support.fake_listener" in " ".join(each.cmdline())]
