@@ -34,7 +34,8 @@ _SENTENCES = 8  # that are found in each,
 _SEARCHED = 12.0  # by how much less likely than what was heard there, as a logarithm
 # Logarithms of ratios of probabilities, chosen on other sentences than those of `bench_voice`.
 MAX_DOUBT = 7.0  # by which a command may be less likely than what was heard
-CONTRARY_DOUBT = 0.5  # the same, if a word that denies was heard, or if the command has words that nobody can list
+# The same, if it leaves out a word that denies, or words around it, or has words that nobody can list.
+CONTRARY_DOUBT = 0.5
 MIN_MARGIN = 0.7  # by which the command must be likelier than another one,
 VALUE_MARGIN = 2.5  # and than the same one with another number or name, which sounds alike
 _PER_TOKEN = 0.6  # so that "no" is not likelier than a sentence only because it is short
@@ -103,7 +104,7 @@ class CommandRecognizer:
         if not sentences:
             return heard[0]
         gains = [_gains(self._model.score(each, [*sentences, *heard]), len(sentences)) for each in encoded]
-        return choose(heard[0], dict(zip(sentences, map(statistics.fmean, zip(*gains)))), self._names)
+        return choose(heard, dict(zip(sentences, map(statistics.fmean, zip(*gains)))), self._names)
 
     def transcribe_window(self, sound: bytes) -> str:
         """Return what was said in at most WINDOW_S of speech, without a search for commands."""
@@ -116,22 +117,22 @@ def _gains(scores: Sequence[tuple[float, int]], count: int) -> list[float]:
     return [value - max(values[count:]) for value in values[:count]]
 
 
-def choose(heard: str, gains: Mapping[str, float], names: Names) -> str:
+def choose(heard: Sequence[str], gains: Mapping[str, float], names: Names) -> str:
     """Return the sentence that was meant, or what was heard if none is likely enough, or two are that mean different things.
 
-    `gains` has, by sentence, the logarithm of how much likelier it is than what was heard. What may confirm a read-back is
-    never chosen: a yes, or "commit".
+    `heard` has what was written of the sound, and of slower ones. `gains` has, by sentence, the logarithm of how much likelier
+    it is than what was heard. What may confirm a read-back is never chosen: a yes, or "commit".
     """
     meanings = {sentence: parse(sentence, Context(names)) for sentence in gains}
     best = max(gains, key=gains.__getitem__)
-    is_contrary = bool((_words(heard) & ENGLISH.negations) - _words(best))
-    max_doubt = CONTRARY_DOUBT if is_contrary or _has_free_words(meanings[best]) else MAX_DOUBT
+    is_contrary = _has_free_words(meanings[best]) or any(_leaves_out(best, text) for text in heard)
+    max_doubt = CONTRARY_DOUBT if is_contrary else MAX_DOUBT
     is_clear = gains[best] >= -max_doubt and all(
         gains[best] - gains[sentence] >= _margin(meanings[best], meaning) for sentence, meaning in meanings.items()
     )
     answer = parse(best, Context(names, pending=_COMMIT))
     may_confirm = isinstance(answer, Confirmation) and answer.agrees
-    return best if is_clear and not may_confirm else heard
+    return best if is_clear and not may_confirm else heard[0]
 
 
 def _margin(one: Meaning, other: Meaning) -> float:
@@ -149,8 +150,17 @@ def _has_free_words(meaning: Meaning) -> bool:
     )
 
 
-def _words(text: str) -> set[str]:
-    return {token.text for token in tokenize(clean_text(text))}
+def _leaves_out(sentence: str, text: str) -> bool:
+    """Return whether a sentence leaves out a word of a text that denies, or is only a part of the text."""
+    kept, words = _words(sentence), _words(text)
+    is_part = len(kept) < len(words) and any(
+        words[start : start + len(kept)] == kept for start in range(len(words) - len(kept) + 1)
+    )
+    return is_part or bool(ENGLISH.negations.intersection(words).difference(kept))
+
+
+def _words(text: str) -> list[str]:
+    return [token.text for token in tokenize(clean_text(text))]
 
 
 def _seconds(sound: bytes) -> float:

@@ -108,7 +108,14 @@ def test_names_count_from_the_next_sentence_on() -> None:
     ],
 )
 def test_sentence_is_chosen_if_it_is_likely_and_clear(written: str, gains: dict[str, float], chosen: str) -> None:
-    assert choose(written, gains, NAMES) == (chosen or written)
+    assert choose([written, "Bla"], gains, NAMES) == (chosen or written)
+
+
+@pytest.mark.parametrize("written", ["Never go to the sink", "Go to the sink or the door", "We would go to the sink"])
+def test_word_that_was_heard_once_must_not_be_left_out(written: str) -> None:
+    doubtful, clear = {"go to the sink": -CONTRARY_DOUBT - 0.1}, {"go to the sink": -CONTRARY_DOUBT}
+    assert choose(["Now go to the sing", written, "Bla"], doubtful, NAMES) == "Now go to the sing"
+    assert choose(["Now go to the sing", written, "Bla"], clear, NAMES) == "go to the sink"
 
 
 # -- what is missing ---------------------------------------------------------------------------------------------------
