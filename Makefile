@@ -74,7 +74,7 @@ wheel: setup
 	$(PY) tools/build_wheel.py dist
 
 # The lock files: every package with its hashes, and no word of where they came from.
-LOCK := $(VENV)/bin/uv pip compile --generate-hashes --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
+LOCK := $(VENV)/bin/uv pip compile --generate-hashes --python-version 3.11 --python-platform x86_64-manylinux_2_34 \
   --no-header --no-annotate --no-emit-package lupin-interfaces
 lock: setup
 	$(PY) -m pip install -q uv

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from bench.runner import Figures, benchmark, note
 from lupin_runtime.voice.endpointer import FRAME_MS, SAMPLE_RATE_HZ, Edge, Endpointer, split_frames
 from lupin_runtime.voice.grammar import has_stop_word, parse
-from lupin_runtime.voice.speech import Speaker, SpeechUnavailable, WhisperRecognizer, command_prompt
+from lupin_runtime.voice.recognizer import CommandRecognizer
+from lupin_runtime.voice.speech import Speaker, SpeechUnavailable
 from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, STEP_S, StopSpotter
 from lupin_runtime.voice.tools import BY_NAME, Effect
 from lupin_runtime.voice.utterance import Call
@@ -102,7 +103,7 @@ def utterances(sound: bytes) -> Iterator[bytes]:
         yield endpointer.utterance
 
 
-def measure_sentences(voices: Voices, recognizer: WhisperRecognizer, share: float) -> dict[str, Any]:
+def measure_sentences(voices: Voices, recognizer: CommandRecognizer, share: float) -> dict[str, Any]:
     """Speak the commands and the other sentences, and count what comes of them."""
     draw = random.Random(1)
     outcomes: dict[str, Counter[str]] = {"commands": Counter(), "others": Counter()}
@@ -138,7 +139,7 @@ def measure_sentences(voices: Voices, recognizer: WhisperRecognizer, share: floa
     }
 
 
-def measure_stops(voices: Voices, recognizer: WhisperRecognizer, repeats: int) -> dict[str, Any]:
+def measure_stops(voices: Voices, recognizer: CommandRecognizer, repeats: int) -> dict[str, Any]:
     """Say stops in real time, and measure from the end of the word to the call of the spotter."""
     delays_ms: list[float] = []
     missed: list[str] = []
@@ -159,7 +160,7 @@ def measure_stops(voices: Voices, recognizer: WhisperRecognizer, repeats: int) -
     }
 
 
-def play(sound: bytes, recognizer: WhisperRecognizer) -> float | None:
+def play(sound: bytes, recognizer: CommandRecognizer) -> float | None:
     """Give a sound to the spotter at the pace of a microphone; return when it stopped, in s from the beginning of the sound."""
     spotted = threading.Event()
     at_s: list[float] = []
@@ -191,7 +192,7 @@ def other_speech(seed: int) -> Iterator[str]:
         yield draw.choice(sentences)
 
 
-def measure_false_stops(voices: Voices, recognizer: WhisperRecognizer, minutes: float) -> dict[str, Any]:
+def measure_false_stops(voices: Voices, recognizer: CommandRecognizer, minutes: float) -> dict[str, Any]:
     """Recognize other speech in the windows of the spotter, but not in real time, and count the stops."""
     total_s = 0.0
     false_stops: list[str] = []
@@ -213,7 +214,7 @@ def measure_false_stops(voices: Voices, recognizer: WhisperRecognizer, minutes: 
     }
 
 
-def spot(utterance: bytes, recognizer: WhisperRecognizer) -> str:
+def spot(utterance: bytes, recognizer: CommandRecognizer) -> str:
     """Return what the spotter would hear as a stop in an utterance; empty if nothing.
 
     Of AGREEING_WINDOWS in a row, one has a number that is divisible by that: only around those that hear a stop, all are heard.
@@ -253,8 +254,7 @@ def main(
     """Measure the parts."""
     try:
         voices = Voices(1)
-        names = (*NAMES.locations, *NAMES.poses, *NAMES.sequences)
-        recognizer = WhisperRecognizer(command_prompt(names), threads=threads)
+        recognizer = CommandRecognizer(NAMES, threads=threads)
     except SpeechUnavailable as error:
         sys.exit(str(error))
     results: dict[str, Any] = {"speech": "synthetic, by espeak-ng"}

@@ -18,8 +18,9 @@ from lupin_runtime.voice.endpointer import split_frames
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.grammar import has_stop_word
 from lupin_runtime.voice.language import Language
+from lupin_runtime.voice.recognizer import CommandRecognizer
 from lupin_runtime.voice.slots import Names
-from lupin_runtime.voice.speech import Speaker, SpeechUnavailable, WhisperRecognizer, command_prompt
+from lupin_runtime.voice.speech import Speaker, SpeechUnavailable
 
 NO_CONSOLE = "this run has no console; start one with: lupin console"
 NOT_CONFIRMED = "nobody answered the read-back; type both lines: lupin voice --text"
@@ -130,16 +131,14 @@ class _Session:
             return read_lines(sys.stdin)
         if options.language is not ENGLISH:
             raise SpeechUnavailable(ENGLISH_ONLY)
-        names = self._dialog.names
-        prompt = command_prompt((*names.locations, *names.poses, *names.sequences))
         if options.wav is not None:
             from lupin_runtime.voice.sounds import read_wav_file
 
             sound = read_wav_file(options.wav)
-            return hear_file(split_frames(sound), WhisperRecognizer(prompt))
+            return hear_file(split_frames(sound), CommandRecognizer(self._dialog.names))
         from lupin_runtime.voice.microphone import open_microphone
 
-        recognizer = WhisperRecognizer(prompt)
+        recognizer = CommandRecognizer(self._dialog.names)
         if options.speaks:
             self._speaker = Speaker()
         frames = stack.enter_context(open_microphone())

@@ -14,7 +14,8 @@ from lupin_cli.run.voice_connection import new_identifier
 from lupin_runtime.voice.dialog import Agent, Turn
 from lupin_runtime.voice.endpointer import Edge, Endpointer
 from lupin_runtime.voice.grammar import has_stop_word
-from lupin_runtime.voice.speech import Recognizer, SpeechUnavailable
+from lupin_runtime.voice.recognizer import Recognizer
+from lupin_runtime.voice.speech import SpeechUnavailable
 from lupin_runtime.voice.spotting_endpointer import SpottingEndpointer
 
 _MAX_READ = 4096

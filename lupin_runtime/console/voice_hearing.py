@@ -12,10 +12,11 @@ from lupin_runtime.console.authority import Role, Session
 from lupin_runtime.console.voice_listener import ListenerState, VoiceListener
 from lupin_runtime.voice.endpointer import FRAME_BYTES, EndpointerSettings
 from lupin_runtime.voice.listener_protocol import Kind
+from lupin_runtime.voice.slots import Names
 
 MODES = ("off", "stops", "commands")
 FRAMES_PER_S = 25.0  # a microphone sends 20
-MAX_NAMES = 1000  # characters
+MAX_NAMES = 10_000  # characters
 MAX_BURST = 60  # frames that may come at once, after a network that was away
 
 # Reasons of refusals.
@@ -52,7 +53,7 @@ class Hearing:
         self._changed = changed
         self._stop = stop
         self._turn = turn
-        self._setup: dict[str, Any] = {"names": []}
+        self._setup: dict[str, Any] = {"names": {}}
         self._begun = ""  # id of the turn in speech that the listener hears
         self._awaited = ""  # id of the turn in speech that it recognizes
         self._allowance = 0.0  # frames that may come now
@@ -88,14 +89,15 @@ class Hearing:
             self._allowance, self._counted_s = float(MAX_BURST), asyncio.get_running_loop().time()
             self.listener_changed(self._listener.start(self))
         self._setup |= {"start_level": start, "end_level": min(start, end)}
-        self._listener.send(self, Kind.SETUP, json.dumps(self._setup).encode())
+        self._listener.send(self, Kind.SETUP, json.dumps(self._setup, ensure_ascii=False).encode())
 
-    def expect(self, names: Iterable[str]) -> None:
-        """Let the recognizer expect these names."""
-        setup = {**self._setup, "names": _some(names)}
+    def expect(self, names: Names) -> None:
+        """Let commands have these names."""
+        kinds = {"locations": names.locations, "poses": names.poses, "sequences": names.sequences}
+        setup = {**self._setup, "names": {kind: _some(each) for kind, each in kinds.items()}}
         if setup != self._setup:
             self._setup = setup
-            self._listener.send(self, Kind.SETUP, json.dumps(setup).encode())
+            self._listener.send(self, Kind.SETUP, json.dumps(setup, ensure_ascii=False).encode())
 
     def take(self, frame: bytes) -> None:
         """Take a frame of the page. Raises BadSound, once for each kind of problem."""
@@ -161,7 +163,7 @@ class Hearing:
 
 
 def _some(names: Iterable[str]) -> list[str]:
-    """Return as many names as the recognizer can expect."""
+    """Return as many names as one message may have."""
     kept: list[str] = []
     length = 0
     for name in names:

@@ -18,7 +18,7 @@ from lupin_runtime.console.program import end_or_kill
 from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.json_text import parse_json
 from lupin_runtime.voice.listener_protocol import Kind, encode
-from lupin_runtime.voice.speech import missing_packages
+from lupin_runtime.voice.recognizer import missing_packages
 
 COMMAND = (*PYTHON, "-m", "lupin_runtime.voice.listener")
 MAX_SOUNDS = 40  # frames that wait, 2 s; older ones are of no use to a stop

@@ -298,4 +298,4 @@ class OfflineAgent:
     async def _read_names(self) -> None:
         names = await self._calls.read_names()
         self._dialog.use_names(names)
-        self._hearing.expect((*names.locations, *names.poses, *names.sequences))
+        self._hearing.expect(names)

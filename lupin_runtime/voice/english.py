@@ -69,8 +69,8 @@ _PHRASES = {
         f"{_GO} {{way}} [for|by] {{forward:distance}} [and] {_TO_SIDE} [for|by] {{lateral:distance}} [{_TURNED}]",
     ),
     "rotate": (
-        f"{_TURN} [to] ({{side}}|{{clock}}) [by|for] {{angle}}",
-        f"{_TURN} [by|for] {{angle}} [to] ({{side}}|{{clock}})",
+        f"{_TURN} ([to] {{side}}|{{clock}}) [by|for] {{angle}}",
+        f"{_TURN} [by|for] {{angle}} ([to] {{side}}|{{clock}})",
         f"{_TURN} [by] {{signed:signed_angle}}",
         "(make|do) {angle} [to] {side}",
     ),
@@ -87,7 +87,7 @@ _PHRASES = {
     "cancel": (f"{_CANCEL} [it|that]",),
     "nav_goto_named": (
         f"({_GO}|return|come|head) [back] [over] [to|towards] [location|place|waypoint] {{name:location}}",
-        "(bring|take|send) (robot|it|yourself) [back] to [location|place] {name:location}",
+        "(bring|take|send) (robot|it|yourself) [back] [to] [location|place] {name:location}",
     ),
     "list_named_locations": (
         f"{_LIST} [of|to] [all] [named|known|saved] (locations|places|location|waypoints)",
@@ -130,8 +130,8 @@ _PHRASES = {
         f"{_CANCEL} (sequence|replay|arm sequence|arm motion|arm movement|arm)",
     ),
     "record_start": (
-        "(start|begin) [a|an|new] [{mode}] recording [of arm] [{mode}] [(called|named|as) {name:new_sequence} [{mode}]]",
-        "record [a|an|new] [{mode}] [sequence|motion|arm] [{mode}] [(called|named|as) {name:new_sequence} [{mode}]]",
+        "(start|begin) [a|an] [new] [{mode}] recording [of arm] [{mode}] [(called|named|as) {name:new_sequence} [{mode}]]",
+        "record [a|an] [new] [{mode}] [sequence|motion|arm] [{mode}] [(called|named|as) {name:new_sequence} [{mode}]]",
     ),
     "record_save": ("(save|store|finish|end) recording [(as|called|named) {name:new_sequence}]",),
     "record_cancel": ("(cancel|discard|abort|drop) recording",),
@@ -158,7 +158,7 @@ _PHRASES = {
         f"{_WHAT} {{one:field}} [and] {{other:field}}",
         "how (full|much|charged) is {one:battery}",
         "how much {one:battery} (is left|do you have|have you|have you got|remains)",
-        "where (are you|is robot) {one:here}",
+        "where (are you|is [robot]) {one:here}",
         "is {one:estop} (engaged|on|active|pressed)",
         "are you {one:blocked}",
     ),
@@ -181,7 +181,7 @@ _PHRASES = {
         f"{_GO} ({{way}}|{_TO_SIDE}) [for] {{duration}}",
     ),
     "ask_direction": (f"{_GO} [for|by] {{forward:distance}}", f"{_TURN} [by|for] {{angle}}"),
-    "ask_angle": (f"{_TURN} [to] ({{side}}|{{clock}})",),
+    "ask_angle": (f"{_TURN} ([to] {{side}}|{{clock}})",),
     "release_estop": ("(release|reset|clear|disengage|unlock) (e-stop|estop|emergency)",),
 }  # fmt: skip
 

@@ -85,7 +85,11 @@ def _doubt(result: Call | Confirmation | Question, text: str) -> str:
     """Return why punctuation makes a result doubtful: a question mark, or quotes. A text to speak may have both."""
     if isinstance(result, Question) or (isinstance(result, Confirmation) and not result.agrees):
         return ""
-    if isinstance(result, Call) and (result.tool == "speak" or BY_NAME[result.tool].effect in (Effect.READ, Effect.STOP)):
+    if isinstance(result, Call) and (
+        result.tool == "speak"
+        or BY_NAME[result.tool].effect in (Effect.READ, Effect.STOP)
+        or result.arguments.get("action") == "status"
+    ):
         return ""
     if "?" in text:
         return ASKED

@@ -23,12 +23,14 @@ from lupin_runtime.json_text import parse_json
 from lupin_runtime.voice.endpointer import FRAME_BYTES, FRAME_MS, Edge, EndpointerSettings
 from lupin_runtime.voice.grammar import has_stop_word
 from lupin_runtime.voice.listener_protocol import Kind, read_message
-from lupin_runtime.voice.speech import Recognizer, SpeechUnavailable, WhisperRecognizer, command_prompt
+from lupin_runtime.voice.recognizer import CommandRecognizer, Recognizer
+from lupin_runtime.voice.slots import Names
+from lupin_runtime.voice.speech import SpeechUnavailable
 from lupin_runtime.voice.spotting_endpointer import SpottingEndpointer
 
 _NICENESS = 5  # the console sends the velocities of bursts, and comes first
 _BEFORE_MS = 300  # of a turn: its first sound is below the page's threshold
-_MAX_TURN_MS = 30_000  # as much as Whisper hears
+_MAX_TURN_MS = 30_000
 _MAX_SENTENCES = 4  # that wait for the recognizer
 _MAX_WINDOW_S = 10.0  # a recognizer that takes longer for a window hears no stop
 
@@ -36,9 +38,10 @@ Emit = Callable[[dict[str, Any]], None]
 
 
 class TurnRecognizer(Recognizer, Protocol):
-    """Speech to text that expects what `prompt` has."""
+    """Speech to text that knows the names of commands."""
 
-    prompt: str
+    def expect(self, names: Names) -> None:
+        """Let commands have these names from now on."""
 
 
 class Deaf(RuntimeError):
@@ -80,7 +83,7 @@ class Listener:
             self._set_up(parse_json(payload))
 
     def _set_up(self, setup: dict[str, Any]) -> None:
-        self._recognizer.prompt = command_prompt(setup["names"])
+        self._recognizer.expect(Names(**{kind: tuple(names) for kind, names in setup["names"].items()}))
         settings = replace(self._settings, start_level=setup["start_level"], end_level=setup["end_level"])
         if settings != self._settings:
             self._settings = settings
@@ -152,7 +155,7 @@ def main() -> None:
     os.nice(_NICENESS)
     target = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    run(WhisperRecognizer, sys.stdin.buffer, target)
+    run(CommandRecognizer, sys.stdin.buffer, target)
 
 
 if __name__ == "__main__":

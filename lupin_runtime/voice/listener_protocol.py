@@ -4,7 +4,7 @@ To the listener, each message is a kind, the length of its payload, and the payl
 
 * SOUND: one frame of `endpointer.py`
 * BEGIN and END: a turn in speech begins or ends here; the payload is its id. A BEGIN without one: no turn is going on
-* SETUP: JSON with `start_level` and `end_level` of the endpointer, and `names` that the recognizer should expect
+* SETUP: JSON with `start_level` and `end_level` of the endpointer, and `names`: lists of those that commands may have, by kind
 
 From the listener, each line is an object with one key: `ready`, `missing` with a reason, `stop` with the text that was heard
 outside turns or before their end, or `heard` with the `id` of a turn and its `text`.
@@ -17,7 +17,7 @@ import struct
 from typing import IO
 
 _HEADER = struct.Struct("<cI")
-MAX_PAYLOAD = 65_536
+MAX_PAYLOAD = 262_144
 
 
 class Kind(enum.Enum):

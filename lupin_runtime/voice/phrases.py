@@ -30,24 +30,32 @@ class _State(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Word:
+class Word:
+    """A word that must be said."""
+
     text: str
 
 
 @dataclass(frozen=True)
-class _Slot:
+class Slot:
+    """A value of a kind."""
+
     name: str
     kind: str
 
 
 @dataclass(frozen=True)
-class _Choice:
-    options: tuple[_Sequence, ...]
+class Choice:
+    """One of several parts."""
+
+    options: tuple[Sequence, ...]
 
 
 @dataclass(frozen=True)
-class _Sequence:
-    parts: tuple[_Word | _Slot | _Choice, ...]
+class Sequence:
+    """Parts one after the other."""
+
+    parts: tuple[Word | Slot | Choice, ...]
 
 
 @dataclass(frozen=True)
@@ -64,31 +72,31 @@ class Sentence:
 
     def match(self, pattern: str) -> Iterator[PhraseMatch]:
         """Yield every way in which the pattern matches the whole sentence."""
-        for state in self._match_sequence(_compile(pattern), _State(0)):
+        for state in self._match_sequence(compile_pattern(pattern), _State(0)):
             if state.position == len(self.words):
                 yield PhraseMatch(dict(state.values), state.cost)
 
-    def _match_sequence(self, sequence: _Sequence, state: _State, index: int = 0) -> Iterator[_State]:
+    def _match_sequence(self, sequence: Sequence, state: _State, index: int = 0) -> Iterator[_State]:
         if index == len(sequence.parts):
             yield state
             return
         for after in self._match_part(sequence.parts[index], state):
             yield from self._match_sequence(sequence, after, index + 1)
 
-    def _match_part(self, part: _Word | _Slot | _Choice, state: _State) -> Iterator[_State]:
-        if isinstance(part, _Choice):
+    def _match_part(self, part: Word | Slot | Choice, state: _State) -> Iterator[_State]:
+        if isinstance(part, Choice):
             for option in part.options:
                 yield from self._match_sequence(option, state)
             return
         position = state.position
         while True:
             at = state._replace(position=position)
-            yield from self._match_word(part, at) if isinstance(part, _Word) else self._match_slot(part, at)
+            yield from self._match_word(part, at) if isinstance(part, Word) else self._match_slot(part, at)
             if position >= len(self.words) or self.words[position] not in self.articles:
                 return
             position += 1
 
-    def _match_word(self, word: _Word, state: _State) -> Iterator[_State]:
+    def _match_word(self, word: Word, state: _State) -> Iterator[_State]:
         position = state.position
         if position >= len(self.words):
             return
@@ -99,38 +107,39 @@ class Sentence:
             if self.words[position : position + len(heard)] == heard:
                 yield state._replace(position=position + len(heard), cost=state.cost + 1)
 
-    def _match_slot(self, slot: _Slot, state: _State) -> Iterator[_State]:
+    def _match_slot(self, slot: Slot, state: _State) -> Iterator[_State]:
         for value, position, cost in self.parse_slot(slot.kind, state.position):
             yield _State(position, (*state.values, (slot.name, value)), state.cost + cost)
 
 
 @cache
-def _compile(pattern: str) -> _Sequence:
+def compile_pattern(pattern: str) -> Sequence:
+    """Return the parts of a pattern. Raises ValueError if its brackets do not match."""
     marks = re.findall(r"\{\w+(?::\w+)?\}|[\[\]()|]|[^\s\[\](){}|]+", pattern)
     choice, rest = _read_choice(marks, 0, pattern)
     if rest != len(marks):
         raise ValueError(f"{pattern!r} has a bracket that was not opened")
-    return choice.options[0] if len(choice.options) == 1 else _Sequence((choice,))
+    return choice.options[0] if len(choice.options) == 1 else Sequence((choice,))
 
 
-def _read_choice(marks: list[str], index: int, pattern: str) -> tuple[_Choice, int]:
-    options: list[_Sequence] = []
-    parts: list[_Word | _Slot | _Choice] = []
+def _read_choice(marks: list[str], index: int, pattern: str) -> tuple[Choice, int]:
+    options: list[Sequence] = []
+    parts: list[Word | Slot | Choice] = []
     while index < len(marks) and marks[index] not in ("]", ")"):
         mark = marks[index]
         index += 1
         if mark == "|":
-            options.append(_Sequence(tuple(parts)))
+            options.append(Sequence(tuple(parts)))
             parts = []
         elif mark in ("[", "("):
             inner, index = _read_choice(marks, index, pattern)
             if marks[index : index + 1] != ["]" if mark == "[" else ")"]:
                 raise ValueError(f"{pattern!r} has a bracket that is not closed")
             index += 1
-            parts.append(_Choice((*inner.options, _Sequence(()))) if mark == "[" else inner)
+            parts.append(Choice((*inner.options, Sequence(()))) if mark == "[" else inner)
         elif mark.startswith("{"):
             name, _, kind = mark[1:-1].partition(":")
-            parts.append(_Slot(name, kind or name))
+            parts.append(Slot(name, kind or name))
         else:
-            parts.append(_Word(mark))
-    return _Choice((*options, _Sequence(tuple(parts)))), index
+            parts.append(Word(mark))
+    return Choice((*options, Sequence(tuple(parts)))), index

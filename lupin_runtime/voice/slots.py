@@ -47,7 +47,7 @@ class Slots:
 
     def parse(self, kind: str, start: int) -> Iterator[SlotValue]:
         """Yield value, next token and cost of each slot of this kind that begins at a token."""
-        if kind in _QUANTITIES:
+        if kind in QUANTITIES:
             yield from self._quantity(kind, start)
         elif kind in ("share", "factor"):
             yield from self._ratio(kind, start)
@@ -69,7 +69,7 @@ class Slots:
         return parse_numbers(self._words, start, self._language.numbers)
 
     def _quantity(self, kind: str, start: int) -> Iterator[SlotValue]:
-        unit_kind, is_rate = _QUANTITIES[kind]
+        unit_kind, is_rate = QUANTITIES[kind]
         for number in self._numbers(start):
             if kind == "signed_angle" and not number.is_signed:
                 continue
@@ -133,6 +133,8 @@ class Slots:
 
     def _new_name(self, kind: str, start: int) -> Iterator[SlotValue]:
         """Yield the names of one to three words that may be saved; one that sounds like a name that exists is that name."""
+        if self._words[start : start + 1] and self._words[start] in self._language.articles:
+            return  # it is left out, and the name begins after it
         modes = {word for phrase in self._language.choices["mode"] for word in phrase.split()}
         reserved = self._language.negations | self._language.conjunctions | modes
         for end in range(start + 1, min(start + _MAX_NEW_NAME_TOKENS, len(self._words)) + 1):
@@ -148,7 +150,7 @@ class Slots:
                 yield found.name if isinstance(found, FoundName) else name, end, 0
 
 
-_QUANTITIES = {
+QUANTITIES = {
     "distance": ("length", False),
     "duration": ("time", False),
     "angle": ("angle", False),

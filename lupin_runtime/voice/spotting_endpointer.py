@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from lupin_runtime.voice.endpointer import Edge, Endpointer, EndpointerSettings
-from lupin_runtime.voice.speech import Recognizer
+from lupin_runtime.voice.recognizer import Recognizer
 from lupin_runtime.voice.stop_spotter import StopSpotter
 
 

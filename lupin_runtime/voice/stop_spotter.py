@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from lupin_runtime.voice.endpointer import SAMPLE_BYTES, SAMPLE_RATE_HZ
 from lupin_runtime.voice.grammar import has_stop_word
-from lupin_runtime.voice.speech import WINDOW_S, Recognizer
+from lupin_runtime.voice.recognizer import WINDOW_S, Recognizer
 
 AGREEING_WINDOWS = 3  # in six minutes of other speech, up to two windows in a row heard a stop
 STEP_S = 0.1  # of new sound between two windows

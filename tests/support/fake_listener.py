@@ -10,6 +10,7 @@ import threading
 
 from lupin_runtime.voice.endpointer import FRAME_BYTES
 from lupin_runtime.voice.listener import run
+from lupin_runtime.voice.slots import Names
 
 COMMAND = (sys.executable, "-m", "tests.support.fake_listener")
 SPOKEN_DRIVE = "drive forward for one second at 0.2 metres per second"
@@ -32,7 +33,11 @@ def sound_of(text: str) -> bytes:
 class LoudnessRecognizer:
     """Knows sounds by their loudest sample."""
 
-    prompt = ""
+    names = Names()
+
+    def expect(self, names: Names) -> None:
+        """Note the names that commands may have."""
+        self.names = names
 
     def transcribe(self, sound: bytes) -> str:
         """Return what was said."""

@@ -16,17 +16,18 @@ from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE, USAGE_ERROR
 from lupin_cli.run import voice_session
 from lupin_cli.run.voice_session import Options, run_session
 from lupin_runtime.voice.english import ENGLISH
+from lupin_runtime.voice.slots import Names
 
 
 @pytest.fixture
 def home(tmp_path: Path) -> dict[str, str]:
-    """An environment with a library of the arm and a location, without a run and without faster-whisper."""
+    """An environment with a library of the arm and a location, without a run and without the recognizer."""
     library = {"version": 1, "poses": {"high_look": {"arm": [0, 0, 0, 0]}}, "sequences": {}}
     state = tmp_path / "state" / "lupin" / "console"
     for path, content in (
         (tmp_path / "config" / "lupin" / "arm_library.json", library),
         (state / "locations.json", {"sink": {"x": 1.0, "y": 2.0, "yaw": 0.0}}),
-        (tmp_path / "missing" / "faster_whisper.py", None),
+        (tmp_path / "missing" / "onnxruntime.py", None),
     ):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("raise ImportError" if content is None else json.dumps(content))
@@ -91,12 +92,12 @@ def test_error_says_what_to_do(home: dict[str, str], words: list[str], status: i
 
 
 class Recognizer:
-    """Hears the first of its texts in each sound; it has the interface of the one by whisper."""
+    """Hears the first of its texts in each sound."""
 
     texts: list[str]
 
-    def __init__(self, prompt: str) -> None:
-        self.prompt = prompt
+    def __init__(self, names: Names) -> None:
+        self.names = names
 
     def transcribe(self, sound: bytes) -> str:
         assert len(sound) > 16_000
@@ -119,7 +120,7 @@ def test_sound_is_cut_into_sentences(
         written.setparams((1, 2, 16_000, 0, "NONE", ""))
         written.writeframes(spoken + pause + spoken + pause + spoken)
     monkeypatch.setattr(Recognizer, "texts", ["Lights blue.", "", "Thank you."], raising=False)
-    monkeypatch.setattr(voice_session, "WhisperRecognizer", Recognizer)
+    monkeypatch.setattr(voice_session, "CommandRecognizer", Recognizer)
     assert not run_session(options(wav=tmp_path / "speech.wav"))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == '\'Lights blue.\': would call set_light {"color": "blue"}'
@@ -142,7 +143,7 @@ def test_microphone_is_heard_until_it_ends(
 
         transcribe_window = transcribe
 
-    monkeypatch.setattr(voice_session, "WhisperRecognizer", Stopped)
+    monkeypatch.setattr(voice_session, "CommandRecognizer", Stopped)
     assert run_session(options())
     # By the spotter, or by the whole sentence if that was faster: never by both.
     assert capsys.readouterr().out == "'Stop.': would call engage_estop {}\n"
@@ -151,7 +152,7 @@ def test_microphone_is_heard_until_it_ends(
 def test_voice_imports_no_speech_packages_before_they_are_used() -> None:
     program = (
         "import sys, lupin_cli.app, lupin_cli.run.voice_session\n"
-        "heavy = ('numpy', 'scipy', 'faster_whisper', 'ctranslate2', 'aiohttp')\n"
+        "heavy = ('numpy', 'scipy', 'onnxruntime', 'moonshine_voice', 'aiohttp')\n"
         "print([name for name in heavy if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)

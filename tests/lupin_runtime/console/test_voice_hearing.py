@@ -119,7 +119,7 @@ def test_levels_of_the_page_are_passed_on() -> None:
         hearing.listen({"mode": "stops", "start_level": 0.01})
 
     [(kind, payload)] = run(test).sent
-    assert kind is Kind.SETUP and json.loads(payload) == {"names": [], "start_level": 0.01, "end_level": 0.01}
+    assert kind is Kind.SETUP and json.loads(payload) == {"names": {}, "start_level": 0.01, "end_level": 0.01}
 
 
 def test_turns_are_marked_only_where_they_are_recognized() -> None:

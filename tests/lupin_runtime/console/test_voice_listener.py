@@ -23,7 +23,7 @@ from lupin_runtime.console.voice_listener import (
     VoiceListener,
 )
 from lupin_runtime.voice.listener_protocol import Kind
-from lupin_runtime.voice.speech import MISSING_PACKAGES
+from lupin_runtime.voice.recognizer import MISSING_PACKAGES
 from tests.support.fake_listener import COMMAND, sound_of
 
 READS_NOTHING = (sys.executable, "-c", "import time; print('{\"ready\": true}', flush=True); time.sleep(600)")

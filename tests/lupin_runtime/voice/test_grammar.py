@@ -87,6 +87,26 @@ def test_example_is_understood(example: str) -> None:
     assert isinstance(parse(example, Context(names)), Call)
 
 
+@pytest.mark.parametrize(
+    ("text", "tool", "arguments"),
+    [
+        ("where is the robot", "query_state", {"fields": ["pose"]}),
+        ("bring the robot back home", "nav_goto_named", {"name": "home"}),
+        ("record a new sequence called hello", "arm_record", {"action": "start", "name": "hello"}),
+        ("remember here as the corner", "save_named_location", {"name": "corner"}),
+        ("What is the calibration status?", "calibrate_arm", {"action": "status"}),
+        ("rotate sixty degrees anticlockwise", "rotate", {"angle_deg": 60.0}),
+    ],
+)
+def test_other_wording_is_understood(text: str, tool: str, arguments: dict[str, object]) -> None:
+    assert parse(text, CONTEXT) == Call(tool, arguments)
+
+
+def test_direction_that_was_cut_is_asked_again() -> None:
+    # "Anticlockwise" is heard as "to clockwise".
+    assert isinstance(parse("rotate sixty degrees to clockwise", CONTEXT), Question)
+
+
 @pytest.mark.parametrize("text", STOPPING)
 def test_stop_word_stops_wherever_it_stands(text: str) -> None:
     assert parse(text, CONTEXT) == Call("engage_estop")

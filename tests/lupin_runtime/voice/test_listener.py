@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 from lupin_runtime.voice.endpointer import FRAME_BYTES
 from lupin_runtime.voice.listener import Listener, run
 from lupin_runtime.voice.listener_protocol import Kind, MalformedMessage, encode, read_message
-from lupin_runtime.voice.speech import MISSING_PACKAGES, SpeechUnavailable
+from lupin_runtime.voice.recognizer import MISSING_PACKAGES
+from lupin_runtime.voice.slots import Names
+from lupin_runtime.voice.speech import SpeechUnavailable
 from tests.support.fake_listener import SILENCE, LoudnessRecognizer, sound_of
 
 TIMEOUT_S = 20.0
@@ -137,9 +139,9 @@ def test_frame_of_another_size_is_ignored() -> None:
 
 def test_setup_has_names_for_the_recognizer() -> None:
     rig = Rig()
-    setup = {"names": ["sink"], "start_level": 0.9, "end_level": 0.9}
+    setup = {"names": {"locations": ["sink"]}, "start_level": 0.9, "end_level": 0.9}
     rig.listener.handle(Kind.SETUP, json.dumps(setup).encode())
-    assert "sink" in rig.recognizer.prompt
+    assert rig.recognizer.names == Names(locations=("sink",))
     rig.hear(sound_of("hold"), 8)  # below the level that speech begins at
     rig.hear(SILENCE, PAUSE)
     rig.mark(Kind.BEGIN, "1")

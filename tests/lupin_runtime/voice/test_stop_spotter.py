@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from lupin_runtime.voice.endpointer import FRAME_BYTES, SAMPLE_RATE_HZ
-from lupin_runtime.voice.speech import WINDOW_S
+from lupin_runtime.voice.recognizer import WINDOW_S
 from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, STEP_S, StopSpotter
 
 SECOND = SAMPLE_RATE_HZ * 2

@@ -1,0 +1,143 @@
+"""Commands are recognized by what is likeliest among them, never talk; what is missing is named.
+
+The sounds are espeak-ng's, with noise, as `bench_voice` makes them. Freely written, the first is "Calibrations targets".
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+from lupin_runtime.voice.endpointer import SAMPLE_RATE_HZ
+from lupin_runtime.voice.grammar import has_stop_word, parse
+from lupin_runtime.voice.recognizer import (
+    CONTRARY_DOUBT,
+    MAX_DOUBT,
+    MIN_MARGIN,
+    MISSING_PACKAGES,
+    VALUE_MARGIN,
+    CommandRecognizer,
+    choose,
+    missing_packages,
+)
+from lupin_runtime.voice.slots import Names
+from lupin_runtime.voice.sounds import read_wav_file
+from lupin_runtime.voice.speech import SpeechUnavailable
+from lupin_runtime.voice.utterance import Call, Question
+from tests.support.spoken_commands import CONTEXT, NAMES
+
+SOUNDS = Path(__file__).parent / "sounds"
+
+
+@pytest.fixture(scope="module")
+def recognizer() -> CommandRecognizer:
+    return CommandRecognizer(NAMES, threads=1)
+
+
+def heard(recognizer: CommandRecognizer, name: str) -> str:
+    return recognizer.transcribe(read_wav_file(SOUNDS / f"{name}.wav"))
+
+
+# -- the model ---------------------------------------------------------------------------------------------------------
+def test_command_that_is_written_wrongly_is_understood(recognizer: CommandRecognizer) -> None:
+    sound = read_wav_file(SOUNDS / "calibration_status.wav")
+    assert isinstance(parse(recognizer.transcribe_window(sound), CONTEXT), Question)
+    assert parse(recognizer.transcribe(sound), CONTEXT) == Call("calibrate_arm", {"action": "status"})
+
+
+def test_talk_is_no_command(recognizer: CommandRecognizer) -> None:
+    assert isinstance(parse(heard(recognizer, "lights_are_blue_today"), CONTEXT), Question)
+
+
+def test_number_is_right_or_asked_again(recognizer: CommandRecognizer) -> None:
+    result = parse(heard(recognizer, "turn_left_ninety_degrees"), CONTEXT)
+    assert isinstance(result, Question) or result == Call("rotate", {"angle_deg": 90.0})
+
+
+def test_stop_is_heard_in_a_window(recognizer: CommandRecognizer) -> None:
+    sound = read_wav_file(SOUNDS / "stop_robot.wav")
+    assert has_stop_word(recognizer.transcribe_window(sound)) and has_stop_word(recognizer.transcribe(sound))
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.01, 1.5])
+@pytest.mark.parametrize("level", [0, 500, 32767])
+def test_noise_is_no_command(recognizer: CommandRecognizer, seconds: float, level: int) -> None:
+    draw = random.Random(1)
+    samples = (draw.randint(-level, level) for _ in range(int(seconds * SAMPLE_RATE_HZ)))
+    sound = b"".join(sample.to_bytes(2, "little", signed=True) for sample in samples)
+    result = parse(recognizer.transcribe(sound), CONTEXT)
+    assert isinstance(result, Question) or result == Call("engage_estop")
+
+
+def test_names_count_from_the_next_sentence_on() -> None:
+    recognizer = CommandRecognizer(threads=1)
+    sound = read_wav_file(SOUNDS / "calibration_status.wav")
+    before = recognizer.transcribe(sound)
+    recognizer.expect(Names(sequences=("water",)))
+    assert recognizer.transcribe(sound) == before
+
+
+# -- the choice --------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("written", "gains", "chosen"),
+    [
+        ("Calibrations targets.", {"calibration status": 2.0}, "calibration status"),
+        ("Blotter tark fave", {"go to tag 5": -MAX_DOUBT}, "go to tag 5"),
+        ("Blotter tark fave", {"go to tag 5": -MAX_DOUBT - 0.1}, ""),
+        ("Gripper for tea", {"gripper 40%": -1.0, "gripper forty percent": -1.2}, "gripper 40%"),
+        ("Gripper for tea", {"gripper 40%": -1.0, "gripper 14%": -1.0 - VALUE_MARGIN + 0.1}, ""),
+        ("Gripper for tea", {"gripper 40%": -1.0, "gripper 14%": -1.0 - VALUE_MARGIN}, "gripper 40%"),
+        ("Open the ripper", {"open the gripper": -1.0, "go home": -1.0 - MIN_MARGIN + 0.1}, ""),
+        ("Open the ripper", {"open the gripper": -1.0, "go home": -1.0 - MIN_MARGIN}, "open the gripper"),
+        ("Don't to the sink", {"go to the sink": -CONTRARY_DOUBT}, "go to the sink"),
+        ("Don't go to the sink", {"go to the sink": -CONTRARY_DOUBT - 0.1}, ""),
+        ("Don't do it", {"don't do it": -2.0}, "don't do it"),
+        ("Seven here as kitchen", {"save here as kitchen": -CONTRARY_DOUBT}, "save here as kitchen"),
+        ("Save hair as kitten", {"save here as kitten": -CONTRARY_DOUBT - 0.1}, ""),
+        ("Say hell", {"say hello": -CONTRARY_DOUBT - 0.1}, ""),
+        ("Record a danse", {"start recording called dance": -CONTRARY_DOUBT - 0.1}, ""),
+        # They would confirm what was read back.
+        ("Go a head", {"go ahead": 5.0}, ""),
+        ("Come it", {"commit": 5.0}, ""),
+        ("Now", {"no": -2.0}, "no"),
+    ],
+)
+def test_sentence_is_chosen_if_it_is_likely_and_clear(written: str, gains: dict[str, float], chosen: str) -> None:
+    assert choose([written, "Bla"], gains, NAMES) == (chosen or written)
+
+
+@pytest.mark.parametrize("written", ["Never go to the sink", "Go to the sink or the door", "We would go to the sink"])
+def test_word_that_was_heard_once_must_not_be_left_out(written: str) -> None:
+    doubtful, clear = {"go to the sink": -CONTRARY_DOUBT - 0.1}, {"go to the sink": -CONTRARY_DOUBT}
+    assert choose(["Now go to the sing", written, "Bla"], doubtful, NAMES) == "Now go to the sing"
+    assert choose(["Now go to the sing", written, "Bla"], clear, NAMES) == "go to the sink"
+
+
+# -- what is missing ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("missing", ["onnxruntime", "moonshine_voice", ""])
+def test_missing_packages_are_found_without_importing(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else object())
+    assert missing_packages() == (MISSING_PACKAGES if missing else "")
+    assert "moonshine_voice" not in sys.modules
+
+
+def test_missing_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(SpeechUnavailable, match=r"pip install 'lupin\[voice\]'"):
+        CommandRecognizer()
+    monkeypatch.undo()
+    monkeypatch.setitem(sys.modules, "lupin_runtime.voice.moonshine", None)
+    with pytest.raises(SpeechUnavailable, match=r"pip install 'lupin\[voice\]'"):
+        CommandRecognizer()
+
+
+def test_package_without_its_model_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = types.SimpleNamespace(origin=str(tmp_path / "__init__.py"))
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: found)
+    with pytest.raises(SpeechUnavailable, match=r"has no model; type: pip install"):
+        CommandRecognizer()
