@@ -120,6 +120,7 @@ def test_health_is_observed_from_the_laptop(rig: FaultRig) -> None:
         reports.append(rig.run_doctor())
     report = reports[-1]
     truth = report["ground_truth"]
+    assert problems(report) == []
     assert (report["status"], truth["state"], truth["drive"], truth["unobserved"]) == (SUCCESS, "healthy", "reaches", [])
     assert all(topic["samples"] for topic in truth["topics"] if topic["required"])
     assert truth["environment"]["ROS_DISCOVERY_SERVER"] == f"{WIRED_ADDRESS}:{PORT}"
