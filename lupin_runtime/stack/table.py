@@ -370,6 +370,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "joystick",
         (NodeRow("lupin_runtime.teleop.node:PadTeleop"),),
+        targets=(*LAPTOP_TARGETS, ONBOARD),
         when=lambda o: o.joystick,
         flag="joystick",
         memory_max_mb=256,
