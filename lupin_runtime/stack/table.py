@@ -142,7 +142,7 @@ def _camera_driver(kind: str) -> ProcessRow:
 
 def _light_strip(options: Options) -> Parameters:
     # The robot's strip expects its colors in the order blue, red, green.
-    return {"drive_topic": graph.CMD_VEL_SINK_SIM.name} if options.simulated else {"color_order": "BRG"}
+    return {"drive_topic": graph.CMD_VEL_SINK_SIM.name} if options.simulated else {"color_order": "BRG", "onboard": True}
 
 
 def _slam(options: Options) -> Parameters:

@@ -46,7 +46,7 @@ def test_onboard_nodes_use_the_robots_sink_and_color_order() -> None:
     options = Options(target=ONBOARD)
     parameters = {node.path.split(":")[1]: dict(node.parameters(options)) for row in rows(options) for node in row.nodes}
     assert parameters["TwistMux"]["sink"] == "robot"
-    assert parameters["LightStripBridge"] == {"color_order": "BRG"}
+    assert parameters["LightStripBridge"] == {"color_order": "BRG", "onboard": True}
 
 
 @pytest.mark.parametrize(
