@@ -34,6 +34,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "teleop": ("Run", "Drive by the keys of this terminal; test and calibrate the gamepads of this computer."),
     "mission": ("Mission", "Start, pause, resume or abort a mission; draw its state machine."),
     "deploy": ("Robot", "Install Lupin on a robot, or set up this machine for it."),
+    "onboard": ("Robot", "Show what a robot does by itself: its units, processes and devices."),
     "doctor": ("Robot", "Diagnose robot, laptop and link; show each root cause, its evidence and its fix."),
     "wait": ("Robot", "Wait until a robot is healthy, free or reachable."),
     "robots": ("Robot", "List, add, remove, rename and check the robots of the inventory."),

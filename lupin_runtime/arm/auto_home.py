@@ -24,7 +24,7 @@ from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.task import Future
 
-from lupin_runtime import graph
+from lupin_runtime import graph, home_report
 from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.environment import is_off
@@ -111,6 +111,7 @@ class AutoHome:
         self._wait(self._preset.service_is_ready, self._limits.preset_s, f"the service {graph.ARM_PRESET.name}")
         if self._unattended:
             self._wait(lambda: self._status_received, self._limits.preset_s, graph.ESTOP_STATUS.name)
+        home_report.write_report(home_report.HOMING)
         self._spin_for(self._limits.settle_s)
         while self._engaged_s is not None:
             self._wait(lambda: self._engaged_s is None, self._limits.release_s, "the e-stop, which has not heard every source")
@@ -269,9 +270,11 @@ def main(arguments: list[str]) -> int:
     )
     options = parser.parse_args(arguments)
     if opted_out(os.environ):
+        home_report.write_report(home_report.OFF)
         print("LUPIN_AUTO_HOME disables auto-home: the arm is not moved")
         return SUCCESS
     began_s = time.monotonic()
+    home_report.write_report(home_report.ACTIVATING)
 
     def say(line: str) -> None:
         print(f"{time.monotonic() - began_s:6.1f} s  {line}", flush=True)
@@ -282,15 +285,19 @@ def main(arguments: list[str]) -> int:
     try:
         home.run()
     except NotHome as reason:
+        is_estop = isinstance(reason, Estopped)
+        home_report.write_report(home_report.ESTOPPED if is_estop else home_report.FAILED, str(reason))
         print(reason, file=sys.stderr)
-        return ESTOPPED if isinstance(reason, Estopped) else FAILURE
+        return ESTOPPED if is_estop else FAILURE
     except ExternalShutdownException:
+        home_report.write_report(home_report.FAILED, "auto-home was stopped before the arm was home")
         print("stopped before the arm was home", file=sys.stderr)
         return FAILURE
     finally:
         home.close()
         node.destroy_node()
         rclpy.try_shutdown()
+    home_report.write_report(home_report.HOME)
     return SUCCESS
 
 

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
+import time
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from mirte_msgs.srv import SetNeopixel
@@ -11,15 +16,20 @@ from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
-from lupin_runtime import graph
+from lupin_runtime import graph, home_report
+from lupin_runtime.atomic_file import write_atomically
 from lupin_runtime.drive import decode
+from lupin_runtime.lights.mission_watch import MissionWatch
 from lupin_runtime.lights.motion import MotionDetector
 from lupin_runtime.lights.palette import Rgb, byte_order
 from lupin_runtime.lights.precedence import Mission, View, choose, shown
+from lupin_runtime.lights.robot_state import JOINTS_SILENT_S, NAME, Facts, Judgement, RobotState, judge, state_text
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 REPLY_S = 1.0
+JUDGE_PERIOD_S = 1.0
+MOTION_START_S = 2.0  # the arm starts to move home within this time of being sent
 _ARM = (*graph.ARM_JOINTS, graph.GRIPPER_JOINT)
 _MARK = graph.ARM_JOINTS[0].encode()
 
@@ -29,13 +39,18 @@ class LightStripBridge(LupinNode):
 
     Parameters: the topics and services by name, `set_on_startup`, `unknown_state_off`, `color_order`, `drive_timeout`,
     `drive_deadband`, `arm_deadband_rad`, `arm_motion_hold`, `mission_state_timeout`, `render_rate_hz`, `blink_hz`.
+
+    With `onboard`, on a robot, it also shows what the robot does by itself, and writes it to the folder that systemd names in
+    RUNTIME_DIRECTORY; `home_report_folder` is that of auto-home's report.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("light_strip_bridge", parameters)
         self._drive_timeout_ns = int(self.parameter("drive_timeout", 0.4) * 1e9)
         self._drive_deadband = self.parameter("drive_deadband", 1e-3)
-        self._mission_timeout_ns = int(self.parameter("mission_state_timeout", 2.0) * 1e9)
+        self._missions = MissionWatch(self.parameter("mission_state_timeout", 2.0))
+        self._onboard = self.parameter("onboard", False)
+        self._home_folder = Path(self.parameter("home_report_folder", str(home_report.FOLDER)))
         self._unknown_off = self.parameter("unknown_state_off", True)
         self._blink_hz = self.parameter("blink_hz", 1.0)
         self._order = byte_order(self.parameter("color_order", "RGB"))
@@ -44,8 +59,12 @@ class LightStripBridge(LupinNode):
 
         self._estop = False
         self._manual: Rgb | None = None
-        self._mission: tuple[Mission, int] | None = None
         self._joints: bytes | None = None
+        self._joints_ns: int | None = None
+        self._homing_ns: int | None = None  # when auto-home was last seen sending the arm home, until it rests there
+        self._judgement = Judgement(RobotState.READY)
+        self._started_ns = self.elapsed_clock_ns()
+        self._written = ""  # the state in the file, without its time
         self._driven_ns: int | None = None
         self._requested: Rgb | None = None  # the color last requested; None: not known to be shown
         self._request: Future | None = None
@@ -54,16 +73,20 @@ class LightStripBridge(LupinNode):
         self._strip = self.client(replace(graph.VENDOR_LEDS, name=self.parameter("led_service", graph.VENDOR_LEDS.name)))
         estop = replace(graph.ESTOP_STATE, name=self.parameter("estop_topic", graph.ESTOP_STATE.name))
         subscribe_estop(self, self._on_estop, estop)
+        self._mission_topic = self.parameter("mission_state_topic", graph.MISSION_STATE.name)
         topics = (
-            ("mission_state_topic", graph.MISSION_STATE, self._on_mission, False),
             ("joint_states_topic", graph.JOINT_STATES, self._on_joints, True),
             ("drive_topic", graph.CMD_VEL_SINK_ROBOT, self._on_drive, True),
         )
         for name, topic, callback, raw in topics:
             self.subscription(replace(topic, name=self.parameter(name, topic.name)), callback, raw=raw)
+        self.subscription(replace(graph.MISSION_STATE, name=self._mission_topic), self._on_mission)
         self.service(replace(graph.LEDS_SET, name=self.parameter("manual_service", graph.LEDS_SET.name)), self._on_set)
         self.service(replace(graph.LEDS_AUTO, name=self.parameter("auto_service", graph.LEDS_AUTO.name)), self._on_auto)
         self.create_timer(1.0 / self.parameter("render_rate_hz", 10.0), self._render)
+        if self._onboard:
+            self._judge()
+            self.create_timer(JUDGE_PERIOD_S, self._judge)
 
     # -- inputs -------------------------------------------------------------------------------------------------------
     def _on_estop(self, engaged: bool) -> None:
@@ -77,11 +100,11 @@ class LightStripBridge(LupinNode):
             estop=message.estop_engaged,
             battery_low=message.battery_low,
         )
-        self._mission = (mission, self.elapsed_clock_ns())
+        self._missions.handle(mission, self.elapsed_clock_ns())
 
     def _on_joints(self, data: Any) -> None:
         if _MARK in data:  # decoded when the strip is updated, a fifth as often as messages arrive
-            self._joints = data
+            self._joints, self._joints_ns = data, self.elapsed_clock_ns()
 
     def _on_drive(self, data: Any) -> None:
         command = decode(data)
@@ -105,24 +128,42 @@ class LightStripBridge(LupinNode):
     # -- output -------------------------------------------------------------------------------------------------------
     def _view(self) -> View:
         now_ns = self.elapsed_clock_ns()
-        mission = None
-        if self._mission is not None:
-            fresh = 0 <= now_ns - self._mission[1] <= self._mission_timeout_ns
-            mission = replace(self._mission[0], fresh=fresh)
         return View(
-            mission,
+            self._missions.view(now_ns, self.count_publishers(self._mission_topic) if self._onboard else 0),
             estop=self._estop,
             manual=self._manual,
             arm_moving=self._arm.moving(now_ns),
             driving=self._driven_ns is not None and 0 <= now_ns - self._driven_ns <= self._drive_timeout_ns,
             unknown_state_off=self._unknown_off,
+            robot=self._judgement.state,
+            mission_lost=self._missions.lost,
         )
+
+    def _judge(self) -> None:
+        """Judge what the robot does by itself, and write it to a file when it changes."""
+        now_ns = self.elapsed_clock_ns()
+        home = home_report.read_report(self._home_folder)
+        if home is not None and home.state == home_report.HOMING:
+            self._homing_ns = now_ns
+        elif self._homing_ns is not None and now_ns - self._homing_ns > MOTION_START_S * 1e9 and not self._arm.moving(now_ns):
+            self._homing_ns = None
+        view = self._view()
+        joints_age_s = None if self._joints_ns is None else (now_ns - self._joints_ns) / 1e9
+        up_s = (now_ns - self._started_ns) / 1e9
+        self._judgement = judge(Facts(up_s, joints_age_s, home, self._homing_ns is not None, view.mission_lost))
+        rule, _ = choose(replace(view, robot=self._judgement.state))
+        folder = os.environ.get("RUNTIME_DIRECTORY", "")
+        text = partial(state_text, self._judgement, rule, joints_age_s is not None and joints_age_s <= JOINTS_SILENT_S)
+        if folder and text(0.0) != self._written:
+            with contextlib.suppress(OSError):
+                write_atomically(Path(folder) / NAME, text(round(time.clock_gettime(time.CLOCK_BOOTTIME), 1)))
+                self._written = text(0.0)
 
     def _render(self) -> None:
         now_ns = self.elapsed_clock_ns()
         self._update_arm(now_ns)
         rule, light = choose(self._view())
-        if self._silent and rule == "standby":
+        if self._silent and rule == "ready":
             return
         self._silent = False
         self._send(shown(light, now_ns / 1e9, self._blink_hz), now_ns)

@@ -43,8 +43,11 @@ LIFECYCLE_COLORS = {**IN_PROGRESS_COLORS, **RESTING_COLORS}
 # The color of a mission phase is shown instead of that of the lifecycle state.
 PHASE_COLORS = {"SCANNING": PURPLE, "CONFIRMING": PURPLE, "PUBLISHING": WHITE}
 
-# Shown if there is nothing else to show, for example without a mission.
-STANDBY = BLUE
+# Of a robot by itself, with or without a laptop. A robot that needs help is not red: red promises that it does not move.
+READY = BLUE  # steady; also if there is nothing else to show
+HOMING = YELLOW  # these blink
+WAITING = WHITE
+HELP = Rgb(255, 0, 255)  # not among the colors that a person may choose
 
 
 def byte_order(order: str) -> tuple[int, int, int]:

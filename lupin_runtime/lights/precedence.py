@@ -10,15 +10,19 @@ from lupin_runtime.lights.palette import (
     AMBER,
     BATTERY_LOW,
     GREEN,
+    HELP,
+    HOMING,
     IN_PROGRESS_COLORS,
     OFF,
     ORANGE,
     PHASE_COLORS,
+    READY,
     RED,
     RESTING_COLORS,
-    STANDBY,
+    WAITING,
     Rgb,
 )
+from lupin_runtime.lights.robot_state import RobotState
 
 
 class Light(NamedTuple):
@@ -50,6 +54,8 @@ class View:
     arm_moving: bool = False
     driving: bool = False
     unknown_state_off: bool = True
+    robot: RobotState = RobotState.READY
+    mission_lost: bool = False  # a mission was in progress when its laptop fell silent
 
     @property
     def current(self) -> Mission | None:
@@ -71,6 +77,11 @@ def _paused(view: View) -> Light | None:
     return Light(AMBER) if view.current is not None and view.current.paused else None
 
 
+def _mission_lost(view: View) -> Light | None:
+    # Above a color set by hand, which hides nothing that needs a person. A person who drives the robot by gamepad is there.
+    return Light(HELP, blinking=True) if view.mission_lost and not (view.driving or view.arm_moving) else None
+
+
 def _manual(view: View) -> Light | None:
     return Light(view.manual) if view.manual is not None else None
 
@@ -88,12 +99,24 @@ def _in_progress(view: View) -> Light | None:
     return Light(PHASE_COLORS.get(mission.phase, IN_PROGRESS_COLORS[mission.lifecycle]))
 
 
+def _homing(view: View) -> Light | None:
+    return Light(HOMING, blinking=True) if view.robot is RobotState.HOMING else None
+
+
 def _arm(view: View) -> Light | None:
     return Light(ORANGE, blinking=True) if view.arm_moving else None
 
 
 def _driving(view: View) -> Light | None:
     return Light(GREEN, blinking=True) if view.driving else None
+
+
+def _help(view: View) -> Light | None:
+    return Light(HELP, blinking=True) if view.robot is RobotState.HELP else None
+
+
+def _waiting(view: View) -> Light | None:
+    return Light(WAITING, blinking=True) if view.robot is RobotState.WAITING else None
 
 
 def _resting(view: View) -> Light | None:
@@ -108,13 +131,17 @@ def _resting(view: View) -> Light | None:
 RULES: tuple[tuple[str, Rule], ...] = (
     ("e-stop or fault", _stopped),
     ("paused", _paused),
+    ("laptop lost in a mission", _mission_lost),
     ("set by hand", _manual),
     ("returning for the battery", _battery),
     ("mission under way", _in_progress),
+    ("homing", _homing),
     ("arm moving", _arm),
     ("driving", _driving),
+    ("needs help", _help),
+    ("waiting for vendor", _waiting),
     ("mission at rest", _resting),
-    ("standby", lambda _: Light(STANDBY)),
+    ("ready", lambda _: Light(READY)),
 )
 
 

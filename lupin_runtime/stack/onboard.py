@@ -1,6 +1,6 @@
 """The robot's part of the stack, as a systemd service: `python -m lupin_runtime.stack.onboard`.
 
-It runs the drive bus, e-stop, arm, gripper and light strip in the environment in which it is started. There,
+It runs the drive bus, e-stop, arm, gripper, light strip and gamepad in the environment in which it is started. There,
 LUPIN_ESTOP_BUTTON=no says that the robot has no e-stop button.
 """
 

@@ -42,7 +42,7 @@ class Options:
     video: bool = True  # serve the simulated cameras to the console
     estop_button: bool = True  # the robot has one, without which the e-stop's process does not say that it is released
     foxglove: bool = False
-    joystick: bool = True  # drive with a gamepad of this computer
+    joystick: bool = True  # drive with a gamepad of the computer that runs it
     rviz: bool = False
     map_file: Path | None = None
     initial_pose: tuple[float, float, float] | None = None  # on the map: x m, y m, yaw rad

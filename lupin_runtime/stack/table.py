@@ -142,7 +142,7 @@ def _camera_driver(kind: str) -> ProcessRow:
 
 def _light_strip(options: Options) -> Parameters:
     # The robot's strip expects its colors in the order blue, red, green.
-    return {"drive_topic": graph.CMD_VEL_SINK_SIM.name} if options.simulated else {"color_order": "BRG"}
+    return {"drive_topic": graph.CMD_VEL_SINK_SIM.name} if options.simulated else {"color_order": "BRG", "onboard": True}
 
 
 def _slam(options: Options) -> Parameters:
@@ -370,6 +370,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "joystick",
         (NodeRow("lupin_runtime.teleop.node:PadTeleop"),),
+        targets=(*LAPTOP_TARGETS, ONBOARD),
         when=lambda o: o.joystick,
         flag="joystick",
         memory_max_mb=256,

@@ -14,7 +14,7 @@ from lupin_cli.release import paths
 from lupin_cli.systemd import units
 
 # Limits of `systemd-analyze security`, from 0 (safe) to 10. The templates give the reasons for the remaining exposure.
-EXPOSURE_LIMIT = {"lupin-onboard.service": 2.0, "lupin-auto-home.service": 2.0, "lupin-clock-sync.service": 2.7}
+EXPOSURE_LIMIT = {"lupin-onboard.service": 2.2, "lupin-auto-home.service": 2.0, "lupin-clock-sync.service": 2.7}
 
 
 def directives(text: str) -> dict[str, list[str]]:
@@ -129,6 +129,12 @@ def test_drive_bus_may_use_realtime_priority(rendered: dict[str, Path]) -> None:
     onboard = directives(rendered["lupin-onboard.service"].read_text())
     assert onboard["LimitRTPRIO"] == [str(REALTIME_PRIORITY)] and onboard["LimitNICE"] == [str(NICE)]
     assert "RestrictRealtime" not in onboard
+
+
+def test_onboard_may_open_input_devices_and_no_others(rendered: dict[str, Path]) -> None:
+    onboard = directives(rendered["lupin-onboard.service"].read_text())
+    assert onboard["DeviceAllow"] == ["char-input rw"] and onboard["DevicePolicy"] == ["closed"]
+    assert "PrivateDevices" not in onboard  # it would hide /dev/input
 
 
 def test_stop_signals_only_the_supervisor_and_leaves_it_time(rendered: dict[str, Path]) -> None:

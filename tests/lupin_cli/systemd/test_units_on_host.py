@@ -119,8 +119,8 @@ def test_auto_home_activates_controllers_and_homes_the_arm(robot_host: Host) -> 
     assert "now: all 5 controllers are active" in log and "arm: moving to home" in log
     # lupin-onboard came up because auto-home has Wants= for it, and it was ready before auto-home started.
     assert state(robot_host, "lupin-onboard") == "active"
-    assert show(robot_host, "lupin-onboard", "StatusText") == "up: estop, drive, body"
-    assert set(stages(robot_host)) == {"estop", "drive", "body"}
+    assert show(robot_host, "lupin-onboard", "StatusText") == "up: estop, drive, body, joystick"
+    assert set(stages(robot_host)) == {"estop", "drive", "body", "joystick"}
     robot.undo_fault("controllers-stuck")
 
 

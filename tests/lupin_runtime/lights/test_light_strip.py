@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from lupin_runtime import graph
+from lupin_runtime import graph, home_report
 from lupin_runtime.lights import COLORS_BY_NAME
+from lupin_runtime.lights.palette import HELP
+from lupin_runtime.lights.robot_state import NAME
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mirte_msgs.srv import SetNeopixel_Response
     from std_srvs.srv import Trigger_Response
 
@@ -40,6 +45,7 @@ class Robot:
         self.driving = False
         self.engaged: bool | None = None
         self.pan: float | None = None
+        self.still = False
         self.node.create_timer(0.1, self._repeat)
         host.add(self.node)
 
@@ -70,7 +76,7 @@ class Robot:
             twist.linear.x = 0.2
             self._drive.publish(twist)
         if self.pan is not None:
-            self.pan += 0.02
+            self.pan += 0.0 if self.still else 0.02
             self._joints.publish(JointState(name=list(graph.ARM_JOINTS), position=[self.pan, 0.0, 0.0, 0.0]))
 
     def ask(self, row: Service, **fields: Any) -> SetNeopixel_Response | Trigger_Response:
@@ -86,7 +92,7 @@ class Robot:
         return future.result()
 
     def shows(self, name: str) -> bool:
-        return bool(self.colors) and self.colors[-1] == tuple(COLORS_BY_NAME[name])
+        return bool(self.colors) and self.colors[-1] == tuple(COLORS_BY_NAME.get(name, HELP))
 
     def wait_for(self, name: str) -> None:
         self.host.until(lambda: self.shows(name), what=f"{name} on the strip")
@@ -182,3 +188,39 @@ def test_strip_is_untouched_in_standby_if_configured(graph_host: GraphHost) -> N
     robot.driving = False
     robot.wait_for("BLUE")
     assert set(robot.colors[:-1]) <= {tuple(COLORS_BY_NAME["GREEN"]), tuple(COLORS_BY_NAME["OFF"])}
+
+
+def test_robot_alone_shows_what_it_waits_for_and_does(
+    graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    robot = Robot(graph_host)
+    home_report.write_report(home_report.ACTIVATING)
+    lights(graph_host, onboard=True, home_report_folder=str(tmp_path), mission_state_timeout=0.5)
+    robot.wait_for("WHITE")
+    robot.wait_for("OFF")
+    robot.pan = 0.0
+    robot.wait_for("ORANGE")  # an arm that moves meanwhile
+    home_report.write_report(home_report.HOMING)
+    robot.wait_for("YELLOW")
+    home_report.write_report(home_report.FAILED, "no controller")
+    robot.still = True
+    robot.wait_for("HELP")
+    state = json.loads((tmp_path / NAME).read_text())
+    assert (state["state"], state["arm"]) == ("needs help", True)
+    assert "no controller" in state["reason"]
+    home_report.write_report(home_report.HOME)
+    robot.wait_for("BLUE")
+
+
+def test_laptop_lost_in_a_mission_is_shown_until_it_is_back(graph_host: GraphHost, tmp_path: Path) -> None:
+    robot = Robot(graph_host)
+    robot.pan, robot.still = 0.0, True
+    lights(graph_host, onboard=True, home_report_folder=str(tmp_path), mission_state_timeout=0.5)
+    robot.mission_says = {"lifecycle_state": "EXPLORING"}
+    robot.wait_for("SPRING")
+    robot.mission_says = {}  # silent, but not gone from the graph
+    robot.wait_for("HELP")
+    robot.wait_for("OFF")
+    robot.mission_says = {"lifecycle_state": "EXPLORING"}
+    robot.wait_for("SPRING")

@@ -22,7 +22,8 @@ from lupin_runtime.lights import (
     choose,
     shown,
 )
-from lupin_runtime.lights.palette import IN_PROGRESS_COLORS
+from lupin_runtime.lights.palette import HELP, HOMING, IN_PROGRESS_COLORS, WAITING
+from lupin_runtime.lights.robot_state import RobotState
 
 STATES = ("BOOT", "READY", "PREPARE", "EXPLORING", "INSPECTING", "MONITORING", "RETURNING", "DONE", "FAULT", "NONSENSE")
 PHASES = ("", "LOCALIZING", "NAVIGATING", "SCANNING", "CONFIRMING", "PUBLISHING")
@@ -62,6 +63,42 @@ def test_only_motion_without_a_mission_blinks(view: Any) -> None:
     assert light.blinking == (name in ("arm moving", "driving"))
     if light.blinking:
         assert view.current is None or view.current.lifecycle not in IN_PROGRESS_COLORS
+
+
+@given(VIEW, st.sampled_from(RobotState), st.booleans())
+def test_robots_own_state_hides_no_stop_pause_or_mission(view: Any, state: RobotState, lost: bool) -> None:
+    before, now = choose(view)[0], choose(dataclasses.replace(view, robot=state, mission_lost=lost))[0]
+    if before in ("e-stop or fault", "paused") or (
+        not lost and before in ("set by hand", "returning for the battery", "mission under way")
+    ):
+        assert now == before
+
+
+@pytest.mark.parametrize(
+    ("view", "light"),
+    [
+        (View(robot=RobotState.WAITING), Light(WAITING, blinking=True)),
+        (View(robot=RobotState.HOMING), Light(HOMING, blinking=True)),
+        (View(robot=RobotState.HOMING, arm_moving=True), Light(HOMING, blinking=True)),
+        (View(robot=RobotState.HELP), Light(HELP, blinking=True)),
+        (View(robot=RobotState.READY), Light(COLORS_BY_NAME["BLUE"])),
+        # Who drives a robot that needs help sees that it drives.
+        (View(robot=RobotState.HELP, driving=True), Light(COLORS_BY_NAME["GREEN"], blinking=True)),
+        (View(robot=RobotState.HELP, manual=Rgb(1, 2, 3)), Light(Rgb(1, 2, 3))),
+        (View(Mission("READY"), robot=RobotState.HELP), Light(HELP, blinking=True)),
+        (View(Mission("EXPLORING", fresh=False), robot=RobotState.HELP, mission_lost=True), Light(HELP, blinking=True)),
+        (View(mission_lost=True, manual=Rgb(1, 2, 3)), Light(HELP, blinking=True)),
+        (View(mission_lost=True, driving=True), Light(COLORS_BY_NAME["GREEN"], blinking=True)),
+        (View(mission_lost=True, estop=True), Light(COLORS_BY_NAME["RED"])),
+    ],
+)
+def test_state_of_the_robot_has_its_light(view: View, light: Light) -> None:
+    assert choose(view)[1] == light
+
+
+def test_lights_of_the_robots_states_differ_from_all_that_blink() -> None:
+    blinking = [HELP, HOMING, WAITING, COLORS_BY_NAME["ORANGE"], COLORS_BY_NAME["GREEN"]]
+    assert len(set(blinking)) == len(blinking) and COLORS_BY_NAME["RED"] not in blinking
 
 
 @given(VIEW)

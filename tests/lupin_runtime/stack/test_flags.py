@@ -30,9 +30,9 @@ def program_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("target", ["sim", "robot", ONBOARD])
-def test_gamepads_are_read_on_the_laptop_unless_refused(target: str) -> None:
+def test_gamepads_are_read_everywhere_unless_refused(target: str) -> None:
     found = [row for row in rows(Options(target=target)) if row.name == "joystick"]
-    assert [row.optional for row in found] == ([] if target == ONBOARD else [True])
+    assert [row.optional for row in found] == [True]
     assert all(row.name != "joystick" for row in rows(Options(target=target, joystick=False)))
 
 

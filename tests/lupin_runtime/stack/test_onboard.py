@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 TIMEOUT_S = 60.0
 
 
-def test_onboard_rows_are_estop_drive_body_without_needs() -> None:
+def test_onboard_rows_need_nothing_and_only_the_pad_is_optional() -> None:
     chosen = rows(Options(target=ONBOARD))
-    assert [row.name for row in chosen] == ["estop", "drive", "body"]
-    assert all(row.needs == () and row.ready and row.on_death == "restart" for row in chosen)
+    assert [row.name for row in chosen] == ["estop", "drive", "body", "joystick"]
+    assert all(row.needs == () and row.on_death == "restart" for row in chosen)
+    assert all(row.optional if row.name == "joystick" else row.ready and not row.optional for row in chosen)
     nodes = [node.path.split(":")[1] for row in chosen for node in row.nodes]
     assert {
         "TwistMux",
@@ -37,6 +38,7 @@ def test_onboard_rows_are_estop_drive_body_without_needs() -> None:
         "ArmCalibrateServer",
         "GripperActionBridge",
         "LightStripBridge",
+        "PadTeleop",
     } <= set(nodes)
 
 
@@ -44,7 +46,7 @@ def test_onboard_nodes_use_the_robots_sink_and_color_order() -> None:
     options = Options(target=ONBOARD)
     parameters = {node.path.split(":")[1]: dict(node.parameters(options)) for row in rows(options) for node in row.nodes}
     assert parameters["TwistMux"]["sink"] == "robot"
-    assert parameters["LightStripBridge"] == {"color_order": "BRG"}
+    assert parameters["LightStripBridge"] == {"color_order": "BRG", "onboard": True}
 
 
 @pytest.mark.parametrize(
