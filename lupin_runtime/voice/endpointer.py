@@ -18,7 +18,7 @@ SAMPLE_BYTES = 2
 FRAME_MS = 50
 FRAME_BYTES = SAMPLE_RATE_HZ * FRAME_MS // 1000 * SAMPLE_BYTES
 _FULL_SCALE = 32768.0
-_BEFORE_MS = 250  # kept before the first loud frame: an "s" or "f" is soft
+BEFORE_MS = 250  # kept before the first loud frame: an "s" or "f" is soft
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Endpointer:
 
     def __init__(self, settings: EndpointerSettings | None = None) -> None:
         self._settings = settings or EndpointerSettings()
-        self._before: deque[bytes] = deque(maxlen=_BEFORE_MS // FRAME_MS)
+        self._before: deque[bytes] = deque(maxlen=BEFORE_MS // FRAME_MS)
         self._frames: list[bytes] = []
         self._speech_ms = 0
         self.is_speaking = False

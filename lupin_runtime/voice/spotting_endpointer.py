@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from lupin_runtime.voice.endpointer import Edge, Endpointer, EndpointerSettings
+from lupin_runtime.voice.endpointer import BEFORE_MS, FRAME_BYTES, FRAME_MS, Edge, Endpointer, EndpointerSettings
 from lupin_runtime.voice.recognizer import Recognizer
 from lupin_runtime.voice.stop_spotter import StopSpotter
+
+_MAX_WORD_MS = 900
+_WORD_PAUSE_MS = 200  # after a word; between two of a sentence there is less
 
 
 class SpottingEndpointer:
@@ -32,7 +35,11 @@ class SpottingEndpointer:
         if edge is Edge.BEGIN:
             self._spotter.begin()
         if self._endpointer.is_speaking:
-            self._spotter.update(self._endpointer.utterance)
+            utterance, quiet_ms = self._endpointer.utterance, self._endpointer.quiet_ms
+            self._spotter.update(utterance)
+            spoken_ms = len(utterance) // FRAME_BYTES * FRAME_MS - BEFORE_MS - quiet_ms
+            if quiet_ms == _WORD_PAUSE_MS and spoken_ms <= _MAX_WORD_MS:
+                self._spotter.end_word(utterance)
         return edge
 
     def configure(self, settings: EndpointerSettings) -> None:

@@ -14,6 +14,8 @@ from lupin_runtime.voice.endpointer import SAMPLE_BYTES, SAMPLE_RATE_HZ
 from lupin_runtime.voice.grammar import has_stop_word
 from lupin_runtime.voice.recognizer import WINDOW_S, Recognizer
 
+HALT = "halt"
+
 AGREEING_WINDOWS = 3  # in six minutes of other speech, up to two windows in a row heard a stop
 STEP_S = 0.1  # of new sound between two windows
 _MIN_SPEECH_S = 0.3  # a shorter sound is no word yet
@@ -32,6 +34,7 @@ class StopSpotter:
         self._changed = threading.Condition()
         self._utterance = 0
         self._sound = b""
+        self._word = b""
         self._heard_bytes = self._agreeing = 0
         self._deaf_until = 0  # bytes of the utterance, after a stop
         self._is_closed = False
@@ -43,12 +46,18 @@ class StopSpotter:
         """Begin a new utterance."""
         with self._changed:
             self._utterance += 1
-            self._sound, self._heard_bytes, self._agreeing, self._deaf_until = b"", 0, 0, 0
+            self._sound, self._word, self._heard_bytes, self._agreeing, self._deaf_until = b"", b"", 0, 0, 0
 
     def update(self, utterance: bytes) -> None:
         """Take the sound of the utterance so far."""
         with self._changed:
             self._sound = utterance
+            self._changed.notify()
+
+    def end_word(self, word: bytes) -> None:
+        """Take an utterance that was a single word, and may go on."""
+        with self._changed:
+            self._word = word
             self._changed.notify()
 
     @property
@@ -66,28 +75,35 @@ class StopSpotter:
 
     def _run(self) -> None:
         while (window := self._next_window()) is not None:
-            number, sound = window
+            number, sound, is_word = window
             self._window_began_s = time.monotonic()
-            text = self._recognizer.transcribe_window(sound)
+            if is_word:
+                text = HALT if self._recognizer.may_be_halt(sound) else ""
+            else:
+                text = self._recognizer.transcribe_window(sound)
             self._window_began_s = None
             with self._changed:
                 if number != self._utterance:
                     continue
                 self._agreeing = self._agreeing + 1 if has_stop_word(text) else 0
-                is_stop = self._agreeing >= AGREEING_WINDOWS
+                is_stop = self._agreeing >= AGREEING_WINDOWS or bool(is_word and text)
                 if is_stop:
                     self._agreeing, self._deaf_until = 0, self._heard_bytes + int(WINDOW_S * _BYTES_PER_S)
             if is_stop:
                 self._stop(text)
 
-    def _next_window(self) -> tuple[int, bytes] | None:
-        """Wait for enough new sound, and return it with the number of its utterance; None once closed."""
+    def _next_window(self) -> tuple[int, bytes, bool] | None:
+        """Wait for a word or enough new sound; return it with the number of its utterance, or None once closed."""
         with self._changed:
-            self._changed.wait_for(lambda: self._is_closed or self._has_enough())
+            self._changed.wait_for(lambda: self._is_closed or self._word or self._has_enough())
             if self._is_closed:
                 return None
+            if self._word and len(self._word) >= self._deaf_until:
+                word, self._word = self._word, b""
+                return self._utterance, word, True
+            self._word = b""
             self._heard_bytes = len(self._sound)
-            return self._utterance, self.window(self._sound)
+            return self._utterance, self.window(self._sound), False
 
     @staticmethod
     def window(sound: bytes) -> bytes:

@@ -99,6 +99,9 @@ class Recognizer:
     def __init__(self, names: Names) -> None:
         self.names = names
 
+    def may_be_halt(self, word: bytes) -> bool:
+        return not word
+
     def transcribe(self, sound: bytes) -> str:
         assert len(sound) > 16_000
         return self.texts.pop(0)

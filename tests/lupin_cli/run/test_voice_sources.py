@@ -55,6 +55,9 @@ class Heard:
     def transcribe_window(self, sound: bytes) -> str:
         return self.spotted if sound else ""
 
+    def may_be_halt(self, word: bytes) -> bool:
+        return not word
+
     async def announce_turn(self, identifier: str, by: str, *, ended: bool = True) -> None:
         assert by == "speech"
         self.turns.append((identifier, ended))

@@ -64,6 +64,11 @@ def test_stop_is_heard_in_a_window(recognizer: CommandRecognizer) -> None:
     assert has_stop_word(recognizer.transcribe_window(sound)) and has_stop_word(recognizer.transcribe(sound))
 
 
+def test_other_words_are_not_taken_for_halt(recognizer: CommandRecognizer) -> None:
+    assert recognizer.may_be_halt(read_wav_file(SOUNDS / "halt.wav"))
+    assert not recognizer.may_be_halt(read_wav_file(SOUNDS / "slower.wav"))
+
+
 @pytest.mark.parametrize("seconds", [0.0, 0.01, 1.5])
 @pytest.mark.parametrize("level", [0, 500, 32767])
 def test_noise_is_no_command(recognizer: CommandRecognizer, seconds: float, level: int) -> None:

@@ -10,7 +10,9 @@ import pytest
 
 from lupin_runtime.voice.endpointer import FRAME_BYTES, SAMPLE_RATE_HZ
 from lupin_runtime.voice.recognizer import WINDOW_S
-from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, STEP_S, StopSpotter
+from lupin_runtime.voice.spotting_endpointer import SpottingEndpointer
+from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, HALT, STEP_S, StopSpotter
+from tests.support.waiting import wait_until
 
 SECOND = SAMPLE_RATE_HZ * 2
 TIMEOUT_S = 10.0
@@ -29,6 +31,9 @@ class Script:
     def transcribe_window(self, sound: bytes) -> str:
         self.windows.put(sound)
         return self.texts.get(timeout=TIMEOUT_S)
+
+    def may_be_halt(self, word: bytes) -> bool:
+        return self.transcribe_window(word) == "halt"
 
 
 class Speaker:
@@ -100,6 +105,43 @@ def test_second_stop_of_a_long_utterance_is_heard(speaker: Speaker) -> None:
     speaker.sound += b"\3" * int(WINDOW_S * SECOND)
     speaker.say(*["halt"] * AGREEING_WINDOWS)
     assert speaker.stops.get(timeout=TIMEOUT_S) == "halt"
+
+
+def end_word(speaker: Speaker, heard_as: str) -> None:
+    """Let a word end, and have it heard."""
+    speaker.spotter.end_word(speaker.sound)
+    assert speaker.script.windows.get(timeout=TIMEOUT_S) == speaker.sound
+    speaker.script.texts.put(heard_as)
+
+
+def test_single_word_that_may_be_halt_stops(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say("old")
+    end_word(speaker, "heart")
+    speaker.say("old")
+    assert speaker.stops.empty()
+    end_word(speaker, "halt")
+    assert speaker.stops.get(timeout=TIMEOUT_S) == HALT
+
+
+@pytest.mark.parametrize(("spoken", "pause", "asked"), [(10, 10, 1), (10, 3, 0), (30, 10, 0)])
+def test_only_a_short_sound_before_a_pause_is_a_word(spoken: int, pause: int, asked: int) -> None:
+    words: list[bytes] = []
+
+    class Words(Script):
+        def transcribe_window(self, sound: bytes) -> str:
+            return str(sound[:0], "ascii")
+
+        def may_be_halt(self, word: bytes) -> bool:
+            words.append(word)
+            return False
+
+    endpointer = SpottingEndpointer(Words(), lambda _: None)
+    for frame in [b"\0\x20" * (FRAME_BYTES // 2)] * spoken + [bytes(FRAME_BYTES)] * pause:
+        endpointer.push(frame)
+    wait_until(lambda: len(words) >= asked, "the word")
+    endpointer.close()
+    assert len(words) == asked
 
 
 def test_window_is_the_newest_sound(speaker: Speaker) -> None:
