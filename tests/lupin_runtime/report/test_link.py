@@ -51,11 +51,12 @@ def test_outage_has_its_time_and_how_far_the_robot_moved(resent: bool) -> None:
     assert outage.moved_m == pytest.approx(0.0, abs=0.01)
 
 
-def test_robot_that_moved_on_in_an_outage_is_reported() -> None:
+@pytest.mark.parametrize("resent", [False, True])
+def test_robot_that_moved_on_in_an_outage_is_reported(resent: bool) -> None:
     builder = LinkBuilder()
     for tick in range(100):
-        if not 20 <= tick < 60:
-            builder.pose(tick / 10, tick / 10, 0.1 * tick, 0.0)
+        if resent or not 20 <= tick < 60:
+            builder.pose(6.0 if 20 <= tick < 60 else tick / 10, tick / 10, 0.1 * tick, 0.0)
     (outage,) = builder.build(10.0).outages
     assert outage.moved_m == pytest.approx(4.1)
 
