@@ -55,6 +55,7 @@ REL10 = Qos(reliable=True, depth=10)
 REL100 = Qos(reliable=True, depth=100)
 BEST1 = Qos(reliable=False, depth=1)
 BEST5 = Qos(reliable=False, depth=5)
+BEST100 = Qos(reliable=False, depth=100)
 
 # Publishers: a process of the stack table (`lupin_runtime.stack.table`) by its name, or one of these. In a simulated run the
 # process `sim` publishes what the vendor's software publishes on the robot.

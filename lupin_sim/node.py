@@ -30,7 +30,7 @@ class SimulatedRobot(LupinNode):
     """A simulated MIRTE on the ROS graph.
 
     Parameters: `speed` (1.0; 0 for as fast as possible), `cameras` (true), `run_dir` ("" for none), `wall_clock` (false:
-    simulated time, published on /clock; true: stamps from this computer's clock, as on a robot).
+    simulated time, published on /clock; true: stamps from this computer's clock, and a robot's topics for the body camera).
     """
 
     def __init__(self, simulation: Simulation, parameters: dict[str, Any] | None = None) -> None:
@@ -40,9 +40,9 @@ class SimulatedRobot(LupinNode):
         self._speed = self.parameter("speed", 1.0)
         self._cameras_enabled = self.parameter("cameras", True)
         run_dir = self.parameter("run_dir", "")
-        self._recorder = TruthRecorder(simulation, Path(run_dir)) if run_dir else None
         self._faults = SensorFaults()
         stamps = Stamps(simulation, self._faults, self.parameter("wall_clock", False))
+        self._recorder = TruthRecorder(simulation, Path(run_dir), stamps.true_s) if run_dir else None
         self._state_topics = StatePublishers(self, stamps)
         self._camera_topics = camera_publishers(self, stamps) if self._cameras_enabled else ()
         self.subscription(graph.SIM_FAULT, self._set_fault)

@@ -77,6 +77,10 @@ class Stamps:
     faults: SensorFaults
     wall_clock: bool = False
 
+    def true_s(self) -> float:
+        """Return the time of this tick in seconds, on the clock of the stamps, without the faults of a sensor's clock."""
+        return time.time() if self.wall_clock else self.simulation.time_s
+
     def now(self) -> Time:
         """Return the stamp of this tick."""
         now_ns = time.time_ns() if self.wall_clock else self.simulation.time_ns
@@ -290,9 +294,10 @@ class CameraPublisher:
 
 
 def camera_publishers(node: LupinNode, stamps: Stamps) -> tuple[CameraPublisher, ...]:
-    """Return the publishers of the body camera and the gripper camera."""
+    """Return the publishers of both cameras; with a robot's clock, the body camera has its name on a robot, too."""
+    body = graph.BODY_IMAGE_ROBOT if stamps.wall_clock else graph.BODY_IMAGE_SIM
     rows = (
-        (graph.BODY_IMAGE_SIM, robot_model.BODY_CAMERA, graph.BODY_CAMERA_FRAME, SCHEDULE_BODY_IMAGE),
+        (body, robot_model.BODY_CAMERA, graph.BODY_CAMERA_FRAME, SCHEDULE_BODY_IMAGE),
         (graph.GRIPPER_IMAGE, robot_model.GRIPPER_CAMERA, graph.GRIPPER_CAMERA_FRAME, SCHEDULE_GRIPPER_IMAGE),
     )
     return tuple(CameraPublisher(node, stamps, *row) for row in rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -74,10 +75,14 @@ def truth(world: World) -> dict[str, Any]:
 
 
 class TruthRecorder:
-    """Writes truth.json at once, then the true trajectory (TUM, 10 Hz, world frame) and sim_state.json (about 1 Hz)."""
+    """Writes truth.json at once, then the true trajectory (TUM, 10 Hz, world frame) and sim_state.json (about 1 Hz).
 
-    def __init__(self, simulation: Simulation, directory: Path) -> None:
+    `stamp_s` returns the trajectory's stamps, which are on the clock of the robot's messages; by default simulated time.
+    """
+
+    def __init__(self, simulation: Simulation, directory: Path, stamp_s: Callable[[], float] | None = None) -> None:
         self._simulation, self._directory = simulation, directory
+        self._stamp_s = stamp_s or (lambda: simulation.time_s)
         directory.mkdir(parents=True, exist_ok=True)
         write_atomically(directory / TRUTH_FILE, json.dumps(truth(simulation.world), indent=1))
         self._trajectory = (directory / TRAJECTORY_FILE).open("w", encoding="ascii")
@@ -91,7 +96,7 @@ class TruthRecorder:
         if simulation.tick % _TRAJECTORY_TICKS == 0:
             pose = simulation.true_pose
             _, _, qz, qw = quaternion_from_yaw(pose.yaw)
-            self._trajectory.write(f"{simulation.time_s:.3f} {pose.x:.5f} {pose.y:.5f} 0 0 0 {qz:.7f} {qw:.7f}\n")
+            self._trajectory.write(f"{self._stamp_s():.3f} {pose.x:.5f} {pose.y:.5f} 0 0 0 {qz:.7f} {qw:.7f}\n")
         now_s = time.monotonic()
         if now_s - self._written_s >= _STATE_PERIOD_S:
             self._written_s = now_s

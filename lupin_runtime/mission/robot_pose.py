@@ -18,7 +18,7 @@ from lupin_runtime.mission.transform_age import TransformAge
 from lupin_runtime.ros import LupinNode, stamp_ns
 from lupin_runtime.ros.node import qos_profile
 from lupin_runtime.ros.polled_subscription import PolledGroup
-from lupin_runtime.ros.tf import from_message
+from lupin_runtime.ros.tf import STREAM_QOS, from_message
 from lupin_runtime.transforms import Transform, frame_name
 
 _MAX_MESSAGES = 500  # bounds a lookup while messages keep arriving
@@ -56,7 +56,7 @@ class PolledTransform:
             TFMessage,
             graph.TF.name,
             lambda _: None,
-            qos_profile(graph.TF.qos),
+            qos_profile(STREAM_QOS),
             callback_group=PolledGroup(),
             raw=True,
         )

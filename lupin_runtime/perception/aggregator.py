@@ -103,7 +103,7 @@ class PerceptionAggregator(LupinNode):
         self.subscription(row(self._topics["amcl_pose"], graph.AMCL_POSE.type, graph.AMCL_POSE.qos), self._on_pose)
         self.subscription(row(self._topics["box_geometry"], graph.BOX_GEOMETRY.type, graph.LATCHED1), self._on_boxes)
         # Fifty messages a second for one joint angle that is needed a few times a minute: they are deserialized only then.
-        joints = row(self._topics["joint_states"], graph.JOINT_STATES.type, graph.REL1)
+        joints = row(self._topics["joint_states"], graph.JOINT_STATES.type, graph.BEST1)
         self._joint_bytes: bytes | None = None
         self.subscription(joints, self._on_joint_bytes, raw=True)
         self.service(graph.Service(str(self._confirm_service), graph.CONFIRM_TAG.type), self._confirm)

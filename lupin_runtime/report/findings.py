@@ -9,6 +9,7 @@ from shlex import quote
 from typing import Any
 
 from lupin_runtime.report.health import CRITICAL, SENSORS
+from lupin_runtime.report.link import Link
 from lupin_runtime.report.run_log import LogLine, RunLog
 from lupin_runtime.report.series import RunSeries
 from lupin_runtime.report.tags import SCAN_FAILED, SKIPPED, UNREACHABLE, TagResult, natural_key
@@ -22,6 +23,8 @@ _NOTABLE_CORRECTION_M = 0.05
 _NOTABLE_ERROR_M = 0.10
 _NARROW_M = 0.05
 _MIN_REAL_TIME_FACTOR = 0.98
+_NOTABLE_LOSS = 0.01
+_MAX_OUTAGES = 5
 
 # What to do about a sensor's value that is too low, or too high.
 _REMEDIES = {
@@ -80,6 +83,7 @@ def run_findings(
         *_collision_findings(facts.get("collisions"), series),
         *_map_findings(log),
         *_localization_findings(series),
+        *_link_findings(log.link),
         *_log_findings(log, run_id),
     ]
     return sorted(found, key=lambda finding: SEVERITIES.index(finding.severity))
@@ -214,6 +218,22 @@ def _localization_findings(series: RunSeries) -> Iterable[RunFinding]:
             "Select the layer Truth on the map, and see what the lidar could measure there",
             t_s=worst[0],
         )
+
+
+def _link_findings(link: Link) -> Iterable[RunFinding]:
+    action, command = "See how good the link is now, and which one to take", "lupin transport"
+    if link.outages:
+        times = ", ".join(f"{each.to_s - each.from_s:.1f} s at {clock(each.from_s)}" for each in link.outages[:_MAX_OUTAGES])
+        more = f" and {len(link.outages) - _MAX_OUTAGES} more" if len(link.outages) > _MAX_OUTAGES else ""
+        moved = [each.moved_m for each in link.outages if each.moved_m is not None]
+        detail = f"Nothing arrived from the robot for {times}{more}."
+        if moved:
+            detail += f" It moved at most {max(moved) * 100:.0f} cm meanwhile."
+        title = f"The link to the robot failed {_count(len(link.outages), 'time')}"
+        yield RunFinding(WARN, title, detail, action, command, link.outages[0].from_s)
+    if (link.lost_share or 0.0) >= _NOTABLE_LOSS:
+        detail = f"All but 1 % arrived within {1e3 * (link.late_s or 0.0):.0f} ms of the fastest."
+        yield RunFinding(NOTE, f"The link lost {100 * (link.lost_share or 0.0):.1f} % of the scans", detail, action, command)
 
 
 def _log_findings(log: RunLog, run_id: str) -> Iterable[RunFinding]:

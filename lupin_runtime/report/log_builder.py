@@ -13,6 +13,7 @@ from lupin_runtime.geometry import Pose2, yaw_from_quaternion
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.laser_scan import TiltedLaser, scan_geometry
 from lupin_runtime.report.clearance import clearance_m
+from lupin_runtime.report.link import LinkBuilder
 from lupin_runtime.report.run_log import (
     CameraImage,
     ClockSample,
@@ -37,7 +38,6 @@ RATES_HZ = {
     graph.ODOM.name: 5.0,
     graph.CMD_VEL_SINK_SIM.name: 5.0,
     graph.CMD_VEL_SINK_ROBOT.name: 5.0,
-    graph.SCAN.name: 5.0,
     graph.DISCOVERED_TAGS.name: 2.0,
     graph.BATTERY.name: 0.5,
 }
@@ -45,7 +45,8 @@ RATES_HZ = {
 OBSERVATION_KINDS = ("tag_reading", "flower", "anomaly")
 OBSERVATION_STATUSES = ("ok", "unreachable", "scan_failed", "skipped")
 _WARN = 30  # rcl_interfaces/Log
-_SCAN_PERIOD_S = 1.0  # of the scans that are kept; the clearance is computed from all
+_SCAN_PERIOD_S = 1.0  # of the scans that are kept
+_CLEARANCE_PERIOD_S = 0.2
 _CLOCK_PERIOD_S = 1.0
 
 
@@ -55,6 +56,8 @@ class LogBuilder:
     def __init__(self) -> None:
         self.log = RunLog()
         self._path = TrajectoryBuilder()
+        self._link = LinkBuilder()
+        self._clearance_due_s = -math.inf
         self._started = False
         self._mount = Transform()
         self._handlers: dict[str, Callable[[float, Any], None]] = {
@@ -96,6 +99,7 @@ class LogBuilder:
     def build(self) -> RunLog:
         """Return the completed log."""
         self.log.trajectory = self._path.build()
+        self.log.link = self._link.build(self.log.end_s)
         return self.log
 
     def _add_clocks(self, sample: ClockSample) -> None:
@@ -116,7 +120,9 @@ class LogBuilder:
             if edge == _TRANSFORMS[0]:
                 self._path.map_from_odom(t_s, pose)
             elif edge == _TRANSFORMS[1]:
-                self._path.odom_from_base(t_s, _stamp_s(item.header.stamp), pose)
+                stamp_s = _stamp_s(item.header.stamp)
+                self._path.odom_from_base(t_s, stamp_s, pose)
+                self._link.pose(t_s, stamp_s - self.log.start_ns / 1e9, pose.x, pose.y)
             else:
                 self.log.base_from_laser = pose
                 self._mount = Transform((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
@@ -128,6 +134,10 @@ class LogBuilder:
         self.log.command.append((t_s, *_speed(message)))
 
     def _add_scan(self, t_s: float, message: Any) -> None:
+        self._link.scan(t_s, _stamp_s(message.header.stamp) - self.log.start_ns / 1e9)
+        if self._clearance_due_s - _CLEARANCE_PERIOD_S <= t_s < self._clearance_due_s - 1e-6:
+            return
+        self._clearance_due_s = t_s + _CLEARANCE_PERIOD_S
         try:
             seen = scan_geometry(message, self._mount)
         except TiltedLaser:

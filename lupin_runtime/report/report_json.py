@@ -13,6 +13,7 @@ import numpy as np
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.report.findings import RunFinding, TagTruth, run_findings
 from lupin_runtime.report.health import SENSORS, health
+from lupin_runtime.report.link import Link
 from lupin_runtime.report.palette import species_label
 from lupin_runtime.report.run_log import RunLog, TimedPosition
 from lupin_runtime.report.series import RunSeries, TimeSeries, keep_extremes, run_series
@@ -115,6 +116,8 @@ def figures(report: ReportInput) -> dict[str, Any]:
         "map_corrections": len(log.trajectory.corrections),
         "largest_localization_error_m": _round(_value(report.series.localization_error_m.high), 3),
         "least_clearance_m": _round(_value(report.series.clearance_m.low), 3),
+        "outages": len(log.link.outages),
+        "longest_outage_s": _round(log.link.longest_s, 1),
         "largest_correction_m": _round(max((c.distance_m for c in log.trajectory.corrections), default=0.0), 3),
         **{f"score_{name}": _figure(score.get(name)) for name in SCORE_FIELDS},
     }
@@ -134,6 +137,7 @@ def report_content(report: ReportInput) -> dict[str, Any]:
         "map": _map(log),
         "fields": _fields(report.tags),
         "series": {name: _series(getattr(report.series, name)) for name in RunSeries.__dataclass_fields__},
+        "link": _link(log.link),
         "battery": [[_round(t, 1), _round(v, 3)] for t, v in log.battery],
         "score": report.score or None,
         "facts": report.facts,
@@ -233,7 +237,7 @@ def _tag(tag: TagResult, report: ReportInput) -> dict[str, Any]:
 
 
 def _timeline(bands: Timeline) -> dict[str, Any]:
-    rows = {"states": bands.states, "legs": bands.legs, "flags": bands.flags}
+    rows = {"states": bands.states, "legs": bands.legs, "flags": bands.flags, "outages": bands.outages}
     return {
         name: [{"from_s": _round(b.from_s, 1), "to_s": _round(b.to_s, 1), "label": b.label, "detail": b.detail} for b in row]
         for name, row in rows.items()
@@ -242,6 +246,16 @@ def _timeline(bands: Timeline) -> dict[str, Any]:
             {"t_s": _round(e.t_s, 1), "kind": e.kind, "severity": e.severity, "text": e.text, "tag_id": e.tag_id}
             for e in bands.events
         ]
+    }
+
+
+def _link(link: Link) -> dict[str, Any]:
+    return {
+        "outages": [
+            {"from_s": _round(o.from_s, 1), "to_s": _round(o.to_s, 1), "moved_m": _round(o.moved_m, 3)} for o in link.outages
+        ],
+        "lost_share": _round(link.lost_share, 4),
+        "late_s": _round(link.late_s, 3),
     }
 
 

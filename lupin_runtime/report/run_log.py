@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
+from lupin_runtime.report.link import Link
 from lupin_runtime.report.map_history import MapHistory
 from lupin_runtime.report.trajectory import Trajectory, TrajectoryBuilder
 
@@ -175,6 +176,7 @@ class RunLog:
     base_from_laser: Pose2 | None = None
     clearance: list[tuple[float, float]] = field(default_factory=list)
     clocks: list[ClockSample] = field(default_factory=list)
+    link: Link = field(default_factory=Link)
     boxes: dict[str, tuple[Point, ...]] = field(default_factory=dict)
     first_box_s: dict[str, float] = field(default_factory=dict)
     first_flower_s: dict[str, float] = field(default_factory=dict)

@@ -36,11 +36,12 @@ class TimelineEvent:
 
 @dataclass(frozen=True)
 class Timeline:
-    """Bands by row, and events ordered by time."""
+    """Bands by row, and events ordered by time. `outages` are the times in which nothing arrived from the robot."""
 
     states: tuple[Band, ...]
     legs: tuple[Band, ...]
     flags: tuple[Band, ...]
+    outages: tuple[Band, ...]
     events: tuple[TimelineEvent, ...]
 
 
@@ -60,6 +61,7 @@ def build_timeline(log: RunLog) -> Timeline:
         tuple(states),
         tuple(Band(b.from_s, b.to_s, b.label.split("\n")[0], b.label.split("\n")[1]) for b in legs),
         tuple(sorted(flags, key=lambda band: band.from_s)),
+        tuple(Band(outage.from_s, outage.to_s, "no link") for outage in log.link.outages),
         tuple(sorted(_events(log, states), key=lambda event: event.t_s)),
     )
 

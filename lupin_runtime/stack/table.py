@@ -167,8 +167,14 @@ def _amcl(options: Options) -> Parameters:
 def _annotator(options: Options) -> Parameters:
     if options.simulated:
         return {"image_topic": graph.BODY_IMAGE_SIM.name}
-    # Raw images are too large for the WiFi link.
-    return {"image_topic": graph.BODY_IMAGE_ROBOT.name, "compressed": True}
+    # Raw images are too large for the WiFi link, and the next JPEG is better than one that is sent again.
+    return {"image_topic": graph.BODY_IMAGE_ROBOT.name, "compressed": True, "reliable": False}
+
+
+def _recorder(options: Options) -> Parameters:
+    # Every subscriber gets its own copy across the WiFi link: the recorder's would take as much of it as perception's.
+    body = {} if options.simulated else {"body_images": "scanning"}
+    return {"output": str(options.run_path / "recording.mcap"), **body}
 
 
 def _bridge(options: Options) -> Parameters:
@@ -327,7 +333,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ),
     ProcessRow(
         "recorder",
-        (NodeRow("lupin_runtime.record.node:Recorder", lambda o: {"output": str(o.run_path / "recording.mcap")}),),
+        (NodeRow("lupin_runtime.record.node:Recorder", _recorder),),
         when=lambda o: o.record,
         flag="record",
     ),

@@ -33,14 +33,16 @@ def keep_shared_memory(robot: Robot) -> None:
 def link_checkout(robot: Robot) -> None:
     """Link `/opt/lupin/current/venv` on the robot to this checkout's virtual environment. Raises RuntimeError on failure.
 
-    The robot sees the environment at the same path, because this machine's folders are mounted there. The units do not verify
-    it, since it is no signed release. They have a private /tmp, which would hide a checkout below /tmp; in that case they use
-    the robot's /tmp instead.
+    The robot sees environment and checkout at the same path, because this machine's folders are mounted there. The checkout
+    comes first, as the environment may be another one's. The units do not verify it, since it is no signed release. They have a
+    private /tmp, which would hide a checkout below /tmp; in that case they use the robot's /tmp instead.
     """
+    from lupin_sim.host.host import PROJECT
+
     private = "PrivateTmp=no\\n" if sys.prefix.startswith(("/tmp/", "/var/tmp/")) else ""
     folder = UNIT_DROP_IN.rpartition("/")[0]
     script = f"""mkdir -p {CURRENT_RELEASE} {folder}; ln -sfn {sys.prefix} {CURRENT_RELEASE}/venv
-printf '[Service]\\nExecStartPre=\\n{private}' > {UNIT_DROP_IN}
+printf '[Service]\\nExecStartPre=\\nEnvironment=PYTHONPATH={PROJECT}\\n{private}' > {UNIT_DROP_IN}
 """
     done = robot.run_as_root("sh", "-ec", script)
     if done.status != 0:

@@ -85,9 +85,9 @@ class Hardware:
     """The equipment of a simulated computer.
 
     own_clock: it has its own wall clock, see clock.py.
-    binds: folders of this machine, mounted read-only at the same path.
+    binds: folders of this machine, mounted read-only at the same path, or as FOLDER:PATH at another.
     robot: the simulated robot that mirte-ros.service launches, as shell assignments of ROBOT_PROJECT, ROBOT_PYTHON and
-        ROBOT_ARGUMENTS; None for no simulated robot.
+        ROBOT_ARGUMENTS, with OpenGL also of ROBOT_GRAPHICS and ROBOT_OWN_LIBRARIES; None for no simulated robot.
     """
 
     disk_mb: int = 4096

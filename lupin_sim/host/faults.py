@@ -96,6 +96,14 @@ FAULTS: dict[str, Fault] = {
         external=True,
         link_settings=lambda settings: {"delay_ms": settings["delay_ms"], "jitter_ms": settings["jitter_ms"]},
     ),
+    "narrow-link": Fault(
+        "the link carries only so much, both directions together; what waits longer than its queue is lost",
+        inject=_update_link,
+        undo=_update_link,
+        settings={**WIRED, "rate_mbit_s": 10.0, "queue_ms": 200.0},
+        external=True,
+        link_settings=lambda settings: {"rate_mbit_s": settings["rate_mbit_s"], "queue_ms": settings["queue_ms"]},
+    ),
     "lossy-link": Fault(
         "the link loses a fraction of all frames",
         inject=_update_link,

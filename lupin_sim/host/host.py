@@ -9,6 +9,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import sysconfig
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -33,6 +34,8 @@ PER_ROBOT_TIMEOUT_S = 10.0
 USER = "mirte"
 # Rendering the cameras would use up one core. A robot stamps messages with its own clock.
 ROBOT_ARGUMENTS = "--wall-clock --no-cameras"
+MACHINE_LIBRARIES = "/opt/machine-libraries"  # on the robot: this machine's, which has OpenGL
+EGL_VENDORS = "/usr/share/glvnd"
 
 
 class HostError(Exception):
@@ -144,6 +147,7 @@ class Host:
         vendor_robot: bool = False,
         boot_laptop: bool = False,
         robot_arguments: str = ROBOT_ARGUMENTS,
+        graphics: bool = False,
         lifeline: bool = True,
         progress: Progress = lambda _: None,
         **hardware: Any,
@@ -151,8 +155,9 @@ class Host:
         """Boot robots and return when SSH answers on all of them.
 
         With `lifeline` the host ends with this process; without, it stays up until `Host.end`. With `vendor_robot`,
-        mirte-ros.service runs the simulated robot with `robot_arguments`. With `boot_laptop`, the laptop has its own systemd,
-        disk and account; see `booted_laptop`. `hardware` are fields of computer.Hardware.
+        mirte-ros.service runs the simulated robot with `robot_arguments`, whose cameras need the machine's OpenGL (`graphics`).
+        With `boot_laptop`, the laptop has its own systemd, disk and account; see `booted_laptop`. `hardware` are fields of
+        computer.Hardware.
         Raises HostError; HostUnavailable names what this machine lacks.
         """
         if missing := missing_prerequisite():
@@ -171,6 +176,10 @@ class Host:
         # The robot sees the project and its Python installations, read-only, so that all of the project can run on it.
         binds = sorted({str(PROJECT), str(Path(sys.prefix).resolve()), str(Path(sys.base_prefix).resolve())} - {"/usr"})
         robot = f"ROBOT_PROJECT={PROJECT}\nROBOT_PYTHON={sys.executable}\nROBOT_ARGUMENTS={robot_arguments!r}\n"
+        if graphics:
+            libraries = f"/usr/lib/{sysconfig.get_config_var('MULTIARCH')}"
+            binds += [f"{libraries}:{MACHINE_LIBRARIES}", EGL_VENDORS]
+            robot += f"ROBOT_GRAPHICS={MACHINE_LIBRARIES}\nROBOT_OWN_LIBRARIES={libraries}\n"
         settings = {
             "robots": robots,
             "hardware": {"binds": binds, "robot": robot if vendor_robot else None, **hardware},

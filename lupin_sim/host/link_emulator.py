@@ -3,7 +3,8 @@
     link_emulator.py INTERFACE_A INTERFACE_B SETTINGS
 
 It works in user space because many kernels lack sch_netem. SETTINGS is a JSON object: `delay_ms` in each direction,
-`jitter_ms` around it (which reorders frames), `loss`, `corrupted` and `duplicated` as fractions of the frames, `multicast`
+`jitter_ms` around it (which reorders frames), `loss`, `corrupted` and `duplicated` as fractions of the frames, `rate_mbit_s`
+that both directions share, as on WiFi, with a queue of `queue_ms` (a frame that would wait longer is dropped), `multicast`
 (whether it passes), and the first and last UDP port of those to which no frame passes: `blocked_ports` from B to A,
 `blocked_ports_from_a` from A to B. Prints "running" once it forwards frames.
 """
@@ -25,6 +26,7 @@ ALL_PROTOCOLS = 3
 VNET_HEADER_BYTES = 10
 HEADERS_BYTES = 14 + 20 + 8  # of Ethernet, IPv4 and UDP
 MAX_FRAMES_PER_WAKEUP = 64
+QUEUE_MS = 200.0
 
 
 def open_interface(name: str) -> socket.socket:
@@ -62,12 +64,32 @@ def corrupt(frame: bytes) -> bytes:
     return bytes(VNET_HEADER_BYTES) + frame[VNET_HEADER_BYTES:position] + damaged + frame[position + 1 :]
 
 
+class Medium:
+    """The air that both directions share: it carries one frame at a time, at `rate_mbit_s`; without a rate, any number."""
+
+    def __init__(self, rate_mbit_s: float, queue_ms: float) -> None:
+        self._bytes_per_s = rate_mbit_s * 1e6 / 8
+        self._queue_s = queue_ms / 1e3
+        self._free_at_s = 0.0
+
+    def send(self, size_bytes: int, now_s: float) -> float | None:
+        """Return the time in s at which a frame that arrives now is through; None if the queue is full, so it is dropped."""
+        if not self._bytes_per_s:
+            return now_s
+        start_s = max(now_s, self._free_at_s)
+        if start_s - now_s > self._queue_s:
+            return None
+        self._free_at_s = start_s + size_bytes / self._bytes_per_s
+        return self._free_at_s
+
+
 def main(name_a: str, name_b: str, text: str) -> None:
     """Forward frames until killed."""
     settings = json.loads(text)
     delay_ms, jitter_ms = settings.get("delay_ms", 0.0), settings.get("jitter_ms", 0.0)
     loss, multicast = settings.get("loss", 0.0), settings.get("multicast", True)
     corrupted, duplicated = settings.get("corrupted", 0.0), settings.get("duplicated", 0.0)
+    medium = Medium(settings.get("rate_mbit_s", 0.0), settings.get("queue_ms", QUEUE_MS))
     a, b = open_interface(name_a), open_interface(name_b)
     no_port = (0, -1)
     directions = {
@@ -98,12 +120,15 @@ def main(name_a: str, name_b: str, text: str) -> None:
                 except OSError:
                     break  # nothing more to read, or the interface went down
                 ethernet = frame[VNET_HEADER_BYTES:]
+                sent_s = medium.send(len(ethernet), now)
+                if sent_s is None:
+                    continue
                 if (loss and random.random() < loss) or (not multicast and is_multicast(ethernet)):
                     continue
                 if first_blocked <= udp_port(ethernet) <= last_blocked:
                     continue
                 for _ in range(2 if duplicated and random.random() < duplicated else 1):
-                    due = now + max(0.0, delay_ms + random.uniform(-jitter_ms, jitter_ms)) / 1e3
+                    due = sent_s + max(0.0, delay_ms + random.uniform(-jitter_ms, jitter_ms)) / 1e3
                     damaged = corrupted and len(ethernet) > HEADERS_BYTES and random.random() < corrupted
                     heapq.heappush(delayed, (due, next(order), out, corrupt(frame) if damaged else frame))
 

@@ -29,7 +29,7 @@ def start(start_robot: type[RobotProcess], join_graph: type[GraphClient]) -> Ite
 
     def start_and_join(*arguments: Any, **environment: Any) -> tuple[RobotProcess, GraphClient]:
         started.append((start_robot(*arguments, **environment), join_graph()))
-        started[-1][1].next_message(graph.CLOCK)
+        started[-1][1].next_message(graph.SCAN)
         return started[-1]
 
     yield start_and_join
@@ -63,6 +63,15 @@ def test_robot_without_graphics_runs_and_names_the_packages(start: Callable[...,
     assert status == 0
     assert "apt-get install libegl1 libgl1" in stderr
     assert "Traceback" not in stderr
+
+
+@pytest.mark.usefixtures("graphics")
+def test_robot_on_the_wall_clock_has_a_robots_camera_topics(start: Callable[..., Any]) -> None:
+    _, client = start("--world", "walled", "--wall-clock")
+    jpeg = client.next_message(graph.compressed(graph.BODY_IMAGE_ROBOT))
+    assert jpeg.header.stamp.sec > 1_700_000_000
+    topics = dict(client.node.get_topic_names_and_types())
+    assert graph.GRIPPER_IMAGE.name in topics and graph.BODY_IMAGE_SIM.name not in topics
 
 
 def test_speed_zero_runs_faster_than_the_wall_clock(start: Callable[..., Any]) -> None:

@@ -47,3 +47,13 @@ def test_recorder_writes_the_true_trajectory_and_state(tmp_path: Path) -> None:
     assert state["last_collision"] is None
     assert state["distance_m"] == pytest.approx(0.58, abs=0.05)
     assert not list(run.glob(".*"))
+
+
+def test_trajectory_has_the_stamps_of_the_robots_clock(tmp_path: Path) -> None:
+    simulation = Simulation(load_world("walled"))
+    recorder = TruthRecorder(simulation, tmp_path, lambda: 1e9 + simulation.time_s)
+    for _ in range(20):
+        simulation.step()
+        recorder.update(real_time_factor=1.0)
+    recorder.close()
+    assert read_tum(tmp_path / TRAJECTORY_FILE)[:, 0] == pytest.approx([1e9 + 1.1, 1e9 + 1.2])

@@ -46,13 +46,14 @@ class Row:
 
 
 def timeline_rows(report: ReportInput) -> list[Row]:
-    """Return the rows for states, targets, holds and events that are not empty, and the axis."""
+    """Return the rows for states, targets, holds, the link and events that are not empty, and the axis."""
     duration_s = max(report.log.end_s, 1e-3)
     timeline = report.timeline
     rows = [
         Row("Mission", tuple(_state_mark(band, duration_s) for band in timeline.states)),
         Row("Target", tuple(_leg_mark(band, duration_s) for band in timeline.legs)),
         Row("Held", tuple(_flag_mark(band, duration_s) for band in timeline.flags)),
+        Row("Link", tuple(_flag_mark(band, duration_s) for band in timeline.outages)),
         Row("Events", tuple(_event_mark(event, duration_s) for event in timeline.events)),
     ]
     return [*(row for row in rows if row.marks), _axis(duration_s)]

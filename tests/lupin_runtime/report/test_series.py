@@ -149,7 +149,8 @@ def test_scans_of_a_report_follow_the_lidars_mount(roll: float, kept: int) -> No
     transform = SimpleNamespace(header=header, child_frame_id="laser", transform=mount)
     builder.add("/tf_static", 0, 0, SimpleNamespace(transforms=[transform]))
     limits = {"range_min": 0.0, "range_max": 0.0, "angle_min": 0.5, "angle_increment": 0.1}
-    builder.add("/scan", 10**9, 10**9, SimpleNamespace(header=SimpleNamespace(frame_id="laser"), ranges=[1.0, 2.0], **limits))
+    header = SimpleNamespace(frame_id="laser", stamp=SimpleNamespace(sec=1, nanosec=0))
+    builder.add("/scan", 10**9, 10**9, SimpleNamespace(header=header, ranges=[1.0, 2.0], **limits))
     assert len(builder.log.scans) == len(builder.log.clearance) == kept
     if kept:
         assert builder.log.scans[0].angle_min == (0.5 if roll == 0.0 else -0.5)

@@ -66,6 +66,7 @@ EFFECTS = (
         "1",
         "1 passes",
     ),
+    Effect("narrow-link", PING.format("10.42.0.2"), "", "passes", {"rate_mbit_s": 0.0005}),
     Effect("lossy-link", PING.format("10.42.0.2"), "", "passes", {"loss": 1.0}),
     Effect("wifi-roam", PING.format("192.168.42.2"), "", "passes"),
     Effect(
