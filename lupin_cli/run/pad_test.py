@@ -13,7 +13,8 @@ from lupin_runtime.teleop.battery import battery_text
 from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
 from lupin_runtime.teleop.events import EV_ABS, EV_KEY, Event
 from lupin_runtime.teleop.map_files import map_folder
-from lupin_runtime.teleop.pad_driver import PERIOD_S, PadDriver
+from lupin_runtime.teleop.pad_driver import PadDriver
+from lupin_runtime.teleop.pad_selection import PERIOD_S
 
 KINDS = {EV_KEY: "key", EV_ABS: "axis"}
 

@@ -16,7 +16,8 @@ from lupin_runtime.json_text import conform, parse_json
 from lupin_runtime.ros import LupinNode, stamp_from_ns
 from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
 from lupin_runtime.teleop.map_files import map_folder
-from lupin_runtime.teleop.pad_driver import MIN_PERIOD_S, PERIOD_S, PadDriver
+from lupin_runtime.teleop.pad_driver import PadDriver
+from lupin_runtime.teleop.pad_selection import MIN_PERIOD_S, PERIOD_S
 from lupin_runtime.teleop.pad_state import DeadMan, PadState
 from lupin_runtime.teleop.readable_watch import ReadableWatch
 from lupin_runtime.teleop.rumble import AlertRules, Rumbles
