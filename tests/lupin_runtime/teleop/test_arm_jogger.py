@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -25,6 +27,7 @@ from lupin_runtime.teleop.events import (
     BTN_WEST,
     Event,
 )
+from lupin_runtime.teleop.map_files import read_map, write_map
 from lupin_runtime.teleop.pad_maps import MAPS, PadId, find_map
 from lupin_runtime.teleop.pad_state import QUIET_S, STALE_S, PadState, Snapshot
 from tests.support import pad_ids
@@ -199,3 +202,13 @@ def test_stream_begins_and_ends_with_rest(steps: list[tuple[bool, bool, int]]) -
         sent += jogger.step({PAD: state}, PAD if drives else None, now_ns)
     rests = [rates == AT_REST for rates in sent]
     assert not sent or (rests[0] and rests[-1])
+
+
+@pytest.mark.parametrize(("dead_man", "keeps"), [(BTN_TL, True), (BTN_EAST, False)])
+def test_calibrated_pad_has_the_tables_arm_unless_it_drives(dead_man: int, keeps: bool, tmp_path: Path) -> None:
+    found = pad_ids.XBOX_USB
+    row = replace(
+        xbox(), dead_man=dead_man, arm=None, products=(found.product,), version_bits=0, declares=tuple(sorted(found.axes))
+    )
+    write_map(tmp_path / "pad.json", row)
+    assert present(read_map(tmp_path / "pad.json", found)).arm == (xbox().arm if keeps else None)
