@@ -39,9 +39,10 @@ class Rig:
         self.now_ns = 100 * S
         self.at, self.gripper_at = at, 0.0
         self.feedback = True
+        self.listeners = 1
         self.sent: list[Any] = []
         self.gripper: list[float] = []
-        self.motion = ArmMotion(self._state, self.sent.append, lambda: self.now_ns, real_ns=lambda: self.now_ns)
+        self.motion = ArmMotion(self._state, self.sent.append, lambda: self.now_ns, lambda: self.listeners, lambda: self.now_ns)
         self.motion.set_estop(False)
         self.motion.pin()
         self.jog = ArmJog(self.motion, self.gripper.append)
@@ -185,17 +186,26 @@ def test_estop_ends_the_jog_and_its_release_resumes_nothing() -> None:
     assert rig.last == held
 
 
-@pytest.mark.parametrize("ending", ["limp", "stopped", "blocked", "no feedback", "not finite"])
+@pytest.mark.parametrize("ending", ["limp", "stopped", "blocked", "no controller", "no feedback", "not finite"])
 def test_jog_ends_and_names_its_reason(ending: str) -> None:
     rig = Rig()
     rig.begin()
-    expected = {"limp": "limp", "stopped": "was stopped", "blocked": "shoulder_pan_joint does not follow"}
+    expected = {
+        "limp": "limp",
+        "stopped": "was stopped",
+        "blocked": "shoulder_pan_joint does not follow",
+        "no controller": "no arm controller is subscribed",
+        "no feedback": "pose is unknown",
+        "not finite": "finite",
+    }
     if ending == "limp":
         rig.motion.torque = False
     elif ending == "stopped":
         rig.motion.stop(0.3)
     elif ending == "blocked":
         rig.motion.blocked = ("shoulder_pan_joint",)
+    elif ending == "no controller":
+        rig.listeners = 0
     elif ending == "no feedback":
         rig.feedback = False
     if ending == "not finite":
@@ -205,9 +215,9 @@ def test_jog_ends_and_names_its_reason(ending: str) -> None:
         rig.send(*PAN)
     assert rig.jog.source == ""
     assert rig.motion.holder is None
-    assert expected.get(ending, {"no feedback": "pose is unknown", "not finite": "finite"}.get(ending, "")) in rig.jog.refusal
+    assert expected[ending] in rig.jog.refusal
     sent = len(rig.sent)
-    rig.motion.torque, rig.motion.blocked, rig.feedback = None, (), True
+    rig.motion.torque, rig.motion.blocked, rig.feedback, rig.listeners = None, (), True, 1
     rig.send(*PAN)
     assert len(rig.sent) == sent
 

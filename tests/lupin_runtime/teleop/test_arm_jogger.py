@@ -110,6 +110,14 @@ def test_left_shoulder_silences_the_arm_until_all_is_released() -> None:
     assert jogger.step({PAD: state}, PAD, NOW_NS + MS) == ()
 
 
+def test_left_shoulder_that_may_be_held_silences_the_arm() -> None:
+    state, early_ns = new_state(), CONNECTED_NS + 10 * MS
+    state.handle(key(BTN_TL, 1, early_ns), early_ns)
+    state.handle([], NOW_NS)
+    assert rates_after(state, key(BTN_EAST, 1, NOW_NS)) == AT_REST
+    assert rates_after(state, key(BTN_TL, 0, NOW_NS)) == ArmRates(pan=ARM_RADPS)
+
+
 def test_no_pad_jogs_while_another_one_drives() -> None:
     state, jogger = rested_state(), ArmJogger()
     state.handle(key(BTN_EAST, 1, NOW_NS), NOW_NS)
