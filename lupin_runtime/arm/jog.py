@@ -17,6 +17,7 @@ from lupin_runtime.arm.motion import ArmMotion, ArmState, Refused
 from lupin_runtime.graph import ARM_JOINTS, GRIPPER_JOINT
 
 SILENT_S = 0.25  # after which a source that jogs is lost
+FORGET_S = 5.0  # after which the refusal of a source that is no longer heard is none any more
 AHEAD_S = 0.2  # from a message to the pose of its trajectory: the vendor's controller runs at 10 Hz
 FIRST_STEP_S = 0.05  # how long the first message of a motion counts, and each other one at most MAX_STEP_S
 MAX_STEP_S = 0.1
@@ -131,6 +132,7 @@ class ArmJog:
         self._at_rest = ""  # the source that has sent zeros last, and may begin
         self._heard_ns = 0
         self._counts = (0, 0)  # of e-stops and of stops when the jog began
+        self._were_blocked: set[str] = set()  # joints that did not follow before the jog, and have not since
         self.refusal = ""  # why the rates that arrive move nothing
 
     @property
@@ -155,6 +157,8 @@ class ArmJog:
         """End a jog whose source is silent, or that must not go on; call it several times in SILENT_S."""
         with self._lock:
             self._end_if_silent(now_ns)
+            if now_ns - self._heard_ns > FORGET_S * 1e9:
+                self.refusal = ""
             if self._source:
                 try:
                     self._require_permission()
@@ -193,7 +197,7 @@ class ArmJog:
     def _begin(self, source: str) -> None:
         self._motion.hold(HOLDER)
         self._source, self._counts = source, (self._motion.estop_count, self._motion.stop_count)
-        self.refusal = ""
+        self.refusal, self._were_blocked = "", set(self._motion.blocked)
         self._integrator = JogIntegrator(self._motion.held_pose(self._fresh_state()))
 
     def _end(self, refusal: str) -> None:
@@ -224,7 +228,8 @@ class ArmJog:
         if self._motion.torque is False:
             raise Refused("the arm is limp; switch its torque on with /lupin/arm/set_torque")
         moving = self._integrator.moving if self._integrator is not None else ()
-        blocked = [joint for joint in self._motion.blocked if joint in moving]
+        self._were_blocked &= set(self._motion.blocked)
+        blocked = [joint for joint in self._motion.blocked if joint in moving and joint not in self._were_blocked]
         if blocked:
             raise Refused(f"{', '.join(blocked)} does not follow; {RELEASE_FIRST}")
 

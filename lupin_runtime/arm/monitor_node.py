@@ -42,9 +42,10 @@ class ArmMonitor(ArmNode):
         now_ns, state = self.elapsed_clock_ns(), self.motion.state(fresh=True)
         is_limp = self.motion.torque is False
         self._find_blocked(state, is_limp, now_ns)
-        is_warning = self._budget.step(None if is_limp or state is None else state.arm, now_ns)
-        if is_warning:
-            self.get_logger().warning(self._budget.sentence())
+        if is_limp or state is not None:  # the time without a pose counts as what it is found in
+            is_warning = self._budget.step(None if is_limp or state is None else state.arm, now_ns)
+            if is_warning:
+                self.get_logger().warning(self._budget.sentence())
         self._publish(state, self._watch.is_moving(now_ns))
 
     def _find_blocked(self, state: ArmState | None, is_limp: bool, now_ns: int) -> None:

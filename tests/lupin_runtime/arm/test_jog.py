@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from lupin_runtime.arm import ArmMotion, ArmState, window
 from lupin_runtime.arm.jog import (
     FIRST_STEP_S,
+    FORGET_S,
     HOLDER,
     MAX_LEAD_RAD,
     MAX_RATE_RADPS,
@@ -228,6 +229,29 @@ def test_another_joint_that_is_blocked_ends_no_jog() -> None:
     rig.motion.blocked = ("wrist_joint",)
     rig.send(*PAN)
     assert rig.jog.source == PAD
+
+
+def test_joint_blocked_before_may_be_jogged_free() -> None:
+    rig = Rig()
+    rig.motion.blocked = ("shoulder_pan_joint",)
+    rig.begin()
+    rig.motion.blocked = ()
+    rig.send(*PAN)
+    rig.motion.blocked = ("shoulder_pan_joint",)
+    rig.send(*PAN)
+    assert "shoulder_pan_joint does not follow" in rig.jog.refusal
+
+
+def test_refusal_lasts_as_long_as_its_source_is_heard() -> None:
+    rig = Rig()
+    rig.send(*PAN)
+    for _ in range(200):
+        rig.send(*PAN)
+        rig.jog.tick(rig.now_ns)
+    assert rig.jog.refusal == RELEASE_FIRST
+    rig.now_ns += int(FORGET_S * 1e9) + MS
+    rig.jog.tick(rig.now_ns)
+    assert rig.jog.refusal == ""
 
 
 def test_jog_is_refused_while_a_replay_has_the_arm() -> None:
