@@ -23,17 +23,27 @@ def command(
     local: LOCAL = False,
     run: LIVE_RUN = None,
     patience_s: float = typer.Option(5.0, "--patience", min=0.0, help="Wait this many seconds for a missing controller."),
+    when_idle: bool = typer.Option(
+        False, "--when-idle", help="Wait until nobody uses the arm, instead of replacing its motion."
+    ),
+    wait_s: float = typer.Option(120.0, "--wait", min=0.0, max=3600.0, help="With --when-idle, wait at most this long, s."),
     config: CONFIG = None,
 ) -> None:
     """Activate the controllers, then send the arm to its home pose; report what was found and done.
 
     Acts on the default robot, which runs the same program when it boots, or with --local on the run on this machine.
+    With --when-idle, it waits until the arm has been at rest for 2 s, and no replay, recording, gamepad, calibration or mission
+    uses it.
+
     Exit status: 0 the arm was sent home, 1 it was not (the reason is printed), 2 usage, 3 no run is up or the robot cannot be
     reached.
 
-    Example: lupin home --robot greenhouse
+    Example: lupin home --robot greenhouse --when-idle
     """
-    arguments = ("--patience", str(patience_s))
+    arguments: tuple[str, ...] = ("--patience", str(patience_s))
+    timeout_s = TIMEOUT_S
+    if when_idle:
+        arguments, timeout_s = (*arguments, "--when-idle", str(wait_s)), TIMEOUT_S + wait_s
     if run is not None and not local:
         raise typer.BadParameter("--run selects a run on this machine; it needs --local", param_hint="--run")
     from lupin_cli.release.paths import NOT_DEPLOYED, RELEASE, run_module
@@ -42,10 +52,10 @@ def command(
     with reporting_errors("home"):
         inventory, robots = select_subject(config, robot, local=local)
         if inventory is None:
-            raise typer.Exit(_home_local_run(run, arguments))
+            raise typer.Exit(_home_local_run(run, arguments, timeout_s))
         for one in robots:
             with connect(one, inventory) as target:
-                output = run_module(target, one, MODULE, *arguments, timeout_s=TIMEOUT_S, on_line=echo)
+                output = run_module(target, one, MODULE, *arguments, timeout_s=timeout_s, on_line=echo)
             if output.status == NOT_DEPLOYED:
                 echo(f"lupin home: {one.name} has no release of Lupin under {RELEASE}", err=True)
                 print_next(lupin("deploy", "robot", robot=one.name))
@@ -58,7 +68,7 @@ def command(
     raise typer.Exit(status)
 
 
-def _home_local_run(run: str | None, arguments: tuple[str, ...]) -> int:
+def _home_local_run(run: str | None, arguments: tuple[str, ...], timeout_s: float) -> int:
     """Run the program in the environment of a live run on this machine; return the exit status."""
     from lupin_runtime.stack.runs import RunError, find_live_run
 
@@ -69,9 +79,9 @@ def _home_local_run(run: str | None, arguments: tuple[str, ...]) -> int:
         return UNREACHABLE
     process = subprocess.Popen([*PYTHON, "-u", "-m", MODULE, *arguments], env={**os.environ, **environment})
     try:
-        return SUCCESS if process.wait(TIMEOUT_S) == 0 else FAILURE
+        return SUCCESS if process.wait(timeout_s) == 0 else FAILURE
     except subprocess.TimeoutExpired:
-        echo(f"did not finish within {TIMEOUT_S:g} s; see: lupin status", err=True)
+        echo(f"did not finish within {timeout_s:g} s; see: lupin status", err=True)
         return FAILURE
     finally:
         if process.poll() is None:

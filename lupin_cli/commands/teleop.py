@@ -18,7 +18,8 @@ app = command_group(
     """Drive the robot of the live run by the keys of this terminal, and by gamepads if the run does not read them itself.
 
     Keys: w s a d drive, q e turn, capital letters are faster, space stops, x ends. A key counts as held for 0.3 s after its
-    last repetition. The gamepad of the run, and everything else of a higher priority, overrides the keys.
+    last repetition. The gamepad of the run, and everything else of a higher priority, overrides the keys. Gamepads also move
+    the arm; the view shows what does so, and why it does not follow.
 
     Exit status: 0 ended, 2 this is no terminal, 3 no run is up.
     """,

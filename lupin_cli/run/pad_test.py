@@ -9,11 +9,13 @@ import time
 from lupin_cli.terminal import echo
 from lupin_runtime.drive import Twist
 from lupin_runtime.teleop import connected_pads
+from lupin_runtime.teleop.arm_jogger import AT_REST, ArmJogger, ArmRates
 from lupin_runtime.teleop.battery import battery_text
 from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
 from lupin_runtime.teleop.events import EV_ABS, EV_KEY, Event
 from lupin_runtime.teleop.map_files import map_folder
-from lupin_runtime.teleop.pad_driver import PERIOD_S, PadDriver
+from lupin_runtime.teleop.pad_driver import PadDriver
+from lupin_runtime.teleop.pad_selection import PERIOD_S
 
 KINDS = {EV_KEY: "key", EV_ABS: "axis"}
 
@@ -22,6 +24,12 @@ def velocity_text(velocity: Twist) -> str:
     """Return a velocity in words."""
     x, y, yaw = (round(value, 2) + 0.0 for value in velocity)  # + 0.0: without a zero below zero
     return f"forward {x:.2f} m/s, left {y:.2f} m/s, turn left {yaw:.2f} rad/s"
+
+
+def rates_text(rates: ArmRates) -> str:
+    """Return the rates of the arm's joints that move in words."""
+    moving = (f"{name} {rate:+.2f} rad/s" for name, rate in rates._asdict().items() if rate)
+    return f"arm: {', '.join(moving) or 'at rest'}"
 
 
 class PadTest:
@@ -39,7 +47,7 @@ class PadTest:
             observe=self._observe,
             drives=False,
         )
-        self._driver = PadDriver()
+        self._driver, self._jogger = PadDriver(), ArmJogger()
         self._changed: dict[tuple[str, int, int], int] = {}
         self._velocity: Twist | None = None
 
@@ -68,6 +76,7 @@ class PadTest:
     def _step(self, now_ns: int) -> None:
         self._pads.read(now_ns)
         sent = self._driver.step(self._pads.states, now_ns)
+        self._jogger.step(self._pads.states, self._driver.driving, now_ns)
         if self._driver.driving is None:
             self._velocity = None
         elif sent is not None:
@@ -86,12 +95,15 @@ class PadTest:
             return
         control, dead_man = pad.state.row.control(kind, code), pad.state.dead_man.value
         velocity = self._velocity if self._driver.driving == name else None
+        rates = self._jogger.rates if self._jogger.jogging == name else AT_REST
         if self._as_json:
             shown = {"pad": name, "kind": KINDS[kind], "code": code, "value": value, "control": control, "dead_man": dead_man}
-            print(json.dumps({**shown, "velocity": velocity and velocity._asdict()}), flush=True)
+            print(json.dumps({**shown, "velocity": velocity and velocity._asdict(), "arm": rates._asdict()}), flush=True)
             return
         would = "would send nothing"
-        if velocity is not None:
+        if rates != AT_REST:
+            would = f"would send {rates_text(rates)}"
+        elif velocity is not None:
             would = f"would send {velocity_text(velocity)}"
         echo(f"{name}  {KINDS[kind]} 0x{code:03x}  {value:7}  {control:16}  dead-man {dead_man:8}  {would}", wrap=False)
 

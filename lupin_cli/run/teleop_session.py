@@ -17,14 +17,16 @@ from rich.table import Table
 from rich.text import Text
 
 from lupin_cli.run.live_view import Repainter
-from lupin_cli.run.pad_test import velocity_text
+from lupin_cli.run.pad_test import rates_text, velocity_text
 from lupin_cli.run.ros_client import RosSession
 from lupin_cli.safe_console import SafeConsole
 from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, Twist, encode
 from lupin_runtime.json_text import conform, parse_json
 from lupin_runtime.teleop import connected_pads
+from lupin_runtime.teleop.arm_jogger import AT_REST, ArmJogger
 from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
+from lupin_runtime.teleop.jog_publisher import JogPublisher
 from lupin_runtime.teleop.keyboard import KeyboardDriver, is_end, split_keys
 from lupin_runtime.teleop.map_files import map_folder
 from lupin_runtime.teleop.pad_driver import PadDriver
@@ -35,14 +37,15 @@ PAINT_PERIOD_S = 0.2
 MAX_BYTES = 1024
 STATUS_SILENT_S = 3.0
 _STATUS = {"locks": [""], "winner": "", "inputs": {}}
+_ARM_STATUS = {"holder": "", "jogged_by": "", "jog_refusal": "", "moving": False, "limp": False, "alarms": [""]}
 
 
 class TeleopSession:
-    """Sends what keys and pads command, and knows what the drive bus makes of it. Times are ns of the monotonic clock."""
+    """Sends what keys and pads command, and knows what drive bus and arm make of it. Times are ns of the monotonic clock."""
 
     def __init__(self, node: Any, *, reads_pads: bool) -> None:
         """`node` is a LupinNode on the graph of the run."""
-        self.keyboard, self.pad_driver = KeyboardDriver(), PadDriver()
+        self.keyboard, self.pad_driver, self.arm_jogger = KeyboardDriver(), PadDriver(), ArmJogger()
         self.pads = (
             ConnectedPads(connected_pads.DEVICES, connected_pads.SYSFS, maps=map_folder(), inform=self._keep, warn=self._keep)
             if reads_pads
@@ -51,18 +54,21 @@ class TeleopSession:
         self.pad_velocity: Twist | None = None
         self.told = "the run reads the gamepads" if self.pads is None else "no gamepad is connected"
         self.status: dict[str, Any] = {}
-        self._status_s = 0.0
+        self.arm_status: dict[str, Any] = {}
+        self._status_s = self._arm_status_s = 0.0
         self._scan_ns = 0
         self._by_keys = node.publisher(graph.CMD_VEL_MANUAL)
         self._by_pads = node.publisher(graph.CMD_VEL_JOY) if reads_pads else None
+        self._rates = JogPublisher(node) if reads_pads else None
         node.subscription(graph.DRIVE_STATUS, self._on_status)
+        node.subscription(graph.ARM_STATUS, self._on_arm_status)
 
     def step(self, keys: list[str], now_ns: int) -> None:
         """Handle the keys that were pressed, read the pads, and send what is due."""
         for key in keys:
             self.keyboard.press(key, now_ns)
         self._send(self._by_keys, self.keyboard.step(now_ns))
-        if self.pads is None:
+        if self.pads is None or self._rates is None:
             return
         if now_ns >= self._scan_ns:
             self.pads.scan(now_ns)
@@ -71,6 +77,7 @@ class TeleopSession:
         sent = self.pad_driver.step(self.pads.states, now_ns)
         self.pad_velocity = sent or self.pad_velocity if self.pad_driver.driving else None
         self._send(self._by_pads, sent)
+        self._rates.publish(self.arm_jogger.step(self.pads.states, self.pad_driver.driving, now_ns))
 
     def close(self) -> None:
         """Stop what is driven from here."""
@@ -79,20 +86,43 @@ class TeleopSession:
         if self.pads is not None:
             if self.pad_driver.driving is not None:
                 self._send(self._by_pads, ZERO)
+            if self.arm_jogger.jogging is not None and self._rates is not None:
+                self._rates.publish([AT_REST])
             self.pads.close()
 
     def view(self) -> RenderableType:
-        """Return what is sent, and what drives the robot."""
+        """Return what is sent, what drives the robot, and what moves its arm."""
         table = Table.grid(padding=(0, 2))
         table.add_column(style="dim", no_wrap=True)
         table.add_column()
         keys, pad = self.keyboard.velocity, self.pad_velocity
         table.add_row("keys", _sent_text(keys, HELP))
-        table.add_row("gamepad", _sent_text(pad, self.told))
+        jogs = self.arm_jogger.jogging is not None
+        table.add_row("gamepad", self._rates_text() if jogs else _sent_text(pad, self.told))
         table.add_row("drive bus", self._bus_text())
         for name, state in self.status.get("inputs", {}).items():
             table.add_row(f"  {name}", Text(conform(state, {"why": ""})["why"], style="dim"))
+        table.add_row("arm", self._arm_text())
+        for alarm in self.arm_status.get("alarms", []):
+            table.add_row("", Text(alarm, style="bold red"))
         return table
+
+    def _rates_text(self) -> Text:
+        return Text(f"sends {rates_text(self.arm_jogger.rates)}", style="bold")
+
+    def _arm_text(self) -> Text:
+        status = self.arm_status
+        if not status or time.monotonic() - self._arm_status_s > STATUS_SILENT_S:
+            return Text("is silent; see what runs with: lupin status", style="bold red")
+        if status["jog_refusal"]:
+            return Text(f"is not moved by gamepad: {status['jog_refusal']}", style="bold red")
+        if status["jogged_by"]:
+            return Text(f"obeys {status['jogged_by']}")
+        if status["limp"]:
+            return Text("is limp")
+        if status["holder"]:
+            return Text(f"is reserved: {status['holder']}")
+        return Text("moves" if status["moving"] else "at rest")
 
     def _bus_text(self) -> Text:
         if not self.status or time.monotonic() - self._status_s > STATUS_SILENT_S:
@@ -104,6 +134,10 @@ class TeleopSession:
     def _on_status(self, message: Any) -> None:
         with suppress(ValueError):  # another program's: the bus itself does not listen to this one
             self.status, self._status_s = conform(parse_json(message.data), _STATUS), time.monotonic()
+
+    def _on_arm_status(self, message: Any) -> None:
+        with suppress(ValueError):  # another program's
+            self.arm_status, self._arm_status_s = conform(parse_json(message.data), _ARM_STATUS), time.monotonic()
 
     def _keep(self, text: str) -> None:
         self.told = text

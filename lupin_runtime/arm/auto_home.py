@@ -1,6 +1,6 @@
 """Activates the vendor's controllers, then moves the arm to `home`.
 
-    python -m lupin_runtime.arm.auto_home [--patience S] [--unattended]
+    python -m lupin_runtime.arm.auto_home [--patience S] [--unattended] [--when-idle S]
 
 The robot runs it at boot and again after a failure (`--unattended`), and `lupin home` runs it on request. It prints a line per
 step with what it found and did. Exit status: 0 the arm was sent home, or LUPIN_AUTO_HOME disables this; 4 the e-stop was
@@ -15,6 +15,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +27,7 @@ from rclpy.task import Future
 
 from lupin_runtime import graph, home_report
 from lupin_runtime.arm.controllers import inactive_controllers, next_step
+from lupin_runtime.arm.idle_watch import IdleWatch
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.environment import is_off
 from lupin_runtime.exit_codes import ESTOPPED, FAILURE, SUCCESS
@@ -64,6 +66,7 @@ class Limits:
     release_s: float = 30.0
     settle_s: float = 2.0
     home_s: float = 10.0
+    idle_s: float | None = None  # None: the arm is sent home whoever uses it
     total_s: float = 220.0
 
 
@@ -102,6 +105,11 @@ class AutoHome:
         subscribe_estop(node, self._on_estop, pressed_since_ns=since_ns)
         node.subscription(graph.ESTOP_STATUS, self._on_estop_status)
         node.subscription(graph.JOINT_STATES, self._on_joint_states)
+        self._idle = IdleWatch(node.monotonic_ns())
+        if self._limits.idle_s is not None:
+            node.subscription(graph.ARM_STATUS, lambda message: self._on_use(self._idle.status, message))
+            node.subscription(graph.ARM_LIBRARY_STATE, lambda message: self._on_use(self._idle.library, message))
+            node.subscription(graph.MISSION_STATE, self._on_mission)
 
     def run(self) -> None:
         """Run all steps. Raises NotHome."""
@@ -116,7 +124,19 @@ class AutoHome:
         while self._engaged_s is not None:
             self._wait(lambda: self._engaged_s is None, self._limits.release_s, "the e-stop, which has not heard every source")
             self._spin_for(self._limits.settle_s)  # the arm's service may notice the release a little later
+        if self._limits.idle_s is not None:
+            self._wait_until_idle(self._limits.idle_s)
         self._go_home()
+
+    def _wait_until_idle(self, limit_s: float) -> None:
+        deadline, said = self._now_s() + self._bounded_s(limit_s), ""
+        while reason := self._idle.reason(self._monotonic_ns()):
+            if self._now_s() > deadline:
+                raise NotHome(f"the arm was not idle within {limit_s:g} s: {reason}")
+            if reason != said:
+                self._say(f"waiting until the arm is idle: {reason}")
+            said = reason
+            self._executor.spin_once(timeout_sec=0.1)
 
     def activate_controllers(self) -> None:
         """Load, configure and activate every controller. Raises NotHome, naming each that is not active."""
@@ -232,6 +252,13 @@ class AutoHome:
         if self._engaged_s is not None and not self._no_press:
             raise Estopped(_ESTOPPED)
 
+    def _on_use(self, handle: Callable[[str, int], None], message: Any) -> None:
+        with suppress(ValueError):  # another program's: as if it had not been received
+            handle(message.data, self._monotonic_ns())
+
+    def _on_mission(self, message: Any) -> None:
+        self._idle.mission(message.lifecycle_state, self._monotonic_ns())
+
     def _on_joint_states(self, message: Any) -> None:
         self._arm_received = self._arm_received or arm_state(message.name, message.position, 0) is not None
 
@@ -268,6 +295,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--unattended", action="store_true", help=f"exit with 4 if the e-stop was pressed in the last {BETWEEN_ATTEMPTS_S:g} s"
     )
+    parser.add_argument(
+        "--when-idle", type=float, metavar="S", help="wait up to S seconds until nobody uses the arm, then send it home"
+    )
     options = parser.parse_args(arguments)
     if opted_out(os.environ):
         home_report.write_report(home_report.OFF)
@@ -281,7 +311,9 @@ def main(arguments: list[str]) -> int:
 
     rclpy.init(args=ROS_ARGUMENTS)
     node = LupinNode("auto_home")
-    home = AutoHome(node, replace(Limits(), visible_s=options.patience), say, options.unattended)
+    limits = replace(Limits(), visible_s=options.patience, idle_s=options.when_idle)
+    limits = replace(limits, total_s=limits.total_s + (limits.idle_s or 0.0))
+    home = AutoHome(node, limits, say, options.unattended)
     try:
         home.run()
     except NotHome as reason:

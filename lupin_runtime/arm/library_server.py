@@ -26,7 +26,8 @@ from lupin_runtime.arm.store import LibraryStore, default_path
 from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 
 STATE_HZ = 5.0
-SAMPLE_HZ = 50.0  # only while something records or plays
+SAMPLE_HZ = 50.0  # only while something records
+PLAY_HZ = 100.0  # only while something plays: the gripper's goals of a replay are late by up to a period
 STOP_S = 0.3
 GRIPPER_RATE_DEGPS = 45.0
 # set_torque waits for two services in sequence, and possibly for an earlier call of set_torque.
@@ -234,7 +235,7 @@ class ArmLibraryServer(ArmNode):
     def _run(self, activity: _Activity) -> None:
         if self._activity is activity:
             activity.began_ns = self.elapsed_clock_ns()
-            self._sampler = self.create_timer(1.0 / SAMPLE_HZ, self._on_sample)
+            self._sampler = self.create_timer(1.0 / (PLAY_HZ if activity.player is not None else SAMPLE_HZ), self._on_sample)
 
     def _end(self, activity: _Activity | None) -> None:
         if activity is None or self._activity is not activity:

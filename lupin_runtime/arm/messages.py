@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,3 +35,14 @@ def poses_of(message: Any) -> list[tuple[float, ...]]:
         positions = tuple(point.positions)
         poses.append(tuple(positions[i] for i in order) if len(positions) == len(order) else positions)
     return poses
+
+
+def path_of(message: Any) -> tuple[Point, ...]:
+    """Return the path of a JointTrajectory; empty if it is not one of all four joints, or has times that do not increase."""
+    poses = poses_of(message)
+    times_s = [point.time_from_start.sec + point.time_from_start.nanosec / 1e9 for point in message.points]
+    if any(len(pose) != len(ARM_JOINTS) or not all(map(math.isfinite, pose)) for pose in poses):
+        return ()
+    if sorted(message.joint_names) != sorted(ARM_JOINTS) or any(a >= b for a, b in zip((0.0, *times_s), times_s)):
+        return ()
+    return tuple(Point(t_s, (pan, lift, elbow, wrist)) for t_s, (pan, lift, elbow, wrist) in zip(times_s, poses))

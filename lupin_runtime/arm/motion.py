@@ -67,6 +67,9 @@ class ArmMotion:
         self._released_ns: int | None = None
         self._hold_due = False
         self.estop_count = 0  # how often the e-stop was engaged
+        self.stop_count = 0  # how often the arm was stopped or pinned
+        self.blocked: tuple[str, ...] = ()  # joints that do not follow their commands, as far as `arm_monitor` knows
+        self.jogged_by = self.jog_refusal = ""  # the source that jogs the arm, and why another one does not, for the status
         self.torque: bool | None = None  # None: not switched yet; the vendor starts with torque on
 
     # -- reading ------------------------------------------------------------------------------------------------------
@@ -159,12 +162,14 @@ class ArmMotion:
             state = self.state(fresh=True)
             if state is None:
                 raise Refused("the arm's pose is unknown: no fresh /joint_states with all four arm joints")
+            self.stop_count += 1
             # Not clamped: an arm that was moved by hand may be outside its command window, and holding must not move it.
             return self._send_path(to_pose(state.arm, MIN_DURATION_S))
 
     def stop(self, duration_s: float) -> None:
         """Replace the current motion by holding the present pose, if it is known."""
         with self._lock:
+            self.stop_count += 1
             state = self.state(fresh=True)
             if state is not None:
                 self._send_path(to_pose(state.arm, duration_s))
@@ -204,6 +209,21 @@ class ArmMotion:
             duration_s = abs(angle_rad - arm[index]) / rate_radps
             arm[index] = angle_rad
             return self._send_path(to_pose(clamp_arm(arm), duration_s))
+
+    def held_pose(self, state: ArmState) -> Arm:
+        """Return the pose in which the joints stay that a jog does not move, with the fresh feedback `state`."""
+        with self._lock:
+            return state.arm if self._commanded is None else self._assumed_pose()
+
+    def follow(self, arm: Arm, duration_s: float, holder: str, estop_count: int) -> Arm:
+        """Move to the next pose of a stream, which is within the windows of the joints that it moves.
+
+        Raises Refused, also if the e-stop was engaged since the holder began, with `estop_count`.
+        """
+        with self._lock:
+            self._require_permission(holder)
+            self.require_released(since=estop_count)
+            return self._send_path(to_pose(arm, duration_s))
 
     def play(self, points: Sequence[Point], speed: float, holder: str) -> tuple[Point, ...]:
         """Replay a motion after moving to its first point; return the path as sent. Raises Refused or ValueError."""

@@ -25,7 +25,7 @@ from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 LAST_COMMAND_S = 0.05  # a publisher that is destroyed earlier may drop its last message
 # Nodes that subscribe to arm trajectories but move nothing.
-OBSERVERS = ("arm_guard", "lupin_recorder", "lupin_console", "lupin_foxglove")
+OBSERVERS = ("arm_guard", "arm_monitor", "lupin_recorder", "lupin_console", "lupin_foxglove")
 # Every serialized message with the arm's joints contains this; the wheels may be published in separate messages.
 _MARK = graph.ARM_JOINTS[0].encode()
 

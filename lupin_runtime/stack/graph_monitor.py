@@ -1,5 +1,5 @@
-"""The supervisor's monitor of the graph: tests readiness conditions, measures topic rates, collects the drive bus's alarms,
-starts and follows the mission.
+"""The supervisor's monitor of the graph: tests readiness conditions, measures topic rates, collects the alarms of drive bus
+and arm, starts and follows the mission.
 
 It is one node, which the supervisor's loop spins. A readiness test exists only until its condition holds, so that monitoring a
 running stack costs no more than measuring the rates that the operator sees.
@@ -90,12 +90,15 @@ class GraphMonitor:
         self.mission_received_s = 0.0
         self.mission_events = MissionEvents()
         self.node.subscription(graph.MISSION_STATE, self._take_mission)
-        self.alarms: tuple[str, ...] = ()  # of the drive bus
+        self._drive_alarms: tuple[str, ...] = ()
+        self._arm_alarms: tuple[str, ...] = ()
+        self._arm_status_s = 0.0
         self.drive_bus_locks: tuple[str, ...] = ()
         self.was_pressed = False  # whether the e-stop was pressed after its first status arrived
         self.estop_waits = False  # whether the e-stop's process has not heard every source since it was started
         self._presses: UnheardPress | None = None
         self.node.subscription(graph.DRIVE_STATUS, self._take_drive_status)
+        self.node.subscription(graph.ARM_STATUS, self._take_arm_status)
         self.node.subscription(graph.ESTOP_STATUS, self._take_estop_status)
         self._start = self.node.client(graph.MISSION_START)
         self._executor = SingleThreadedExecutor()
@@ -128,7 +131,20 @@ class GraphMonitor:
             alarms, locks = status["alarms"], status["locks"]
         except (ValueError, KeyError, TypeError):
             return  # not from a drive bus of this version
-        self.alarms, self.drive_bus_locks = _sentences(alarms), _sentences(locks)
+        self._drive_alarms, self.drive_bus_locks = _sentences(alarms), _sentences(locks)
+
+    def _take_arm_status(self, message: Any) -> None:
+        try:
+            self._arm_alarms = _sentences(parse_json(message.data)["alarms"])
+        except (ValueError, KeyError, TypeError):
+            return  # not from an arm of this version
+        self._arm_status_s = time.monotonic()
+
+    @property
+    def alarms(self) -> tuple[str, ...]:
+        """The alarms of the drive bus, and those of an arm whose status is repeated."""
+        arm_is_heard = time.monotonic() - self._arm_status_s <= SILENT_AFTER_S
+        return self._drive_alarms + (self._arm_alarms if arm_is_heard else ())
 
     def _take_estop_status(self, message: Any) -> None:
         self.estop_waits = waits_for_sources(message.data)

@@ -293,6 +293,8 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.arm.calibrate_server:ArmCalibrateServer", when=_on_robot),
             NodeRow("lupin_runtime.arm.node:GripperActionBridge"),
             NodeRow("lupin_runtime.arm.node:ArmLibraryServer"),
+            NodeRow("lupin_runtime.arm.teleop_node:ArmTeleop"),
+            NodeRow("lupin_runtime.arm.monitor_node:ArmMonitor"),
             NodeRow("lupin_runtime.lights.node:LightStripBridge", _light_strip),
         ),
         targets=CLOSE_TO_HARDWARE,

@@ -96,7 +96,7 @@ class ConnectedPads:
                 continue
             pad.state.handle(events, now_ns)
             if problem := pad.state.take_problem():
-                self._inform(f"{pad.label} {problem}: let go of its left shoulder button, and press it again")
+                self._inform(f"{pad.label} {problem}: let go of its controls, and use them again")
             for event in events:
                 self._observe(name, event)
             self._resynchronize(pad)
@@ -148,7 +148,7 @@ class ConnectedPads:
             return
         self._refusals.pop(name, None)
         quiet_s = None if is_wired(found) else QUIET_S
-        pad = Pad(device, PadState(row, found.bus, device.ranges(row.axes), now_ns, quiet_s=quiet_s), label)
+        pad = Pad(device, PadState(row, found.bus, device.ranges(row.ranges), now_ns, quiet_s=quiet_s), label)
         self._resynchronize(pad)
         self.pads[name] = pad
         self._inform(f"{label} is connected: hold its left shoulder button to drive")
@@ -162,6 +162,6 @@ class ConnectedPads:
     def _resynchronize(self, pad: Pad) -> None:
         """Ask the kernel for a state that events do not tell, until the dead-man button is seen released."""
         if pad.state.dead_man is DeadMan.UNKNOWN:
-            snapshot = pad.device.snapshot(pad.state.row.axes)
+            snapshot = pad.device.snapshot(pad.state.row.ranges)
             if snapshot is not None:
                 pad.state.resynchronize(snapshot)

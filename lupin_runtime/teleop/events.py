@@ -9,10 +9,11 @@ from typing import NamedTuple
 EV_SYN, EV_KEY, EV_ABS = 0x00, 0x01, 0x03
 SYN_REPORT, SYN_DROPPED = 0, 3
 
-BTN_WEST, BTN_Z = 0x134, 0x135
-BTN_TL, BTN_TR = 0x136, 0x137
+BTN_SOUTH, BTN_EAST, BTN_C, BTN_NORTH, BTN_WEST, BTN_Z = 0x130, 0x131, 0x132, 0x133, 0x134, 0x135
+BTN_TL, BTN_TR, BTN_TL2, BTN_TR2 = 0x136, 0x137, 0x138, 0x139
 
 ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, ABS_RZ, ABS_GAS, ABS_BRAKE = 0x00, 0x01, 0x02, 0x03, 0x04, 0x05, 0x09, 0x0A
+ABS_HAT0X, ABS_HAT0Y = 0x10, 0x11
 
 _EVENT = struct.Struct("llHHi")  # of this machine: a long is as wide as the kernel's time
 EVENT_BYTES = _EVENT.size

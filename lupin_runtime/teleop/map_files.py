@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.bounded_file import read_bounded, read_bounded_text
 from lupin_runtime.json_text import parse_json
-from lupin_runtime.teleop.pad_maps import KERNEL_LAYOUT, TRANSPORTS, PadId, PadMap
+from lupin_runtime.teleop.pad_maps import KERNEL_LAYOUT, TRANSPORTS, ArmControls, PadId, PadMap, find_map
 
 CONTROLS = ("dead_man", "turbo", "lateral_axis", "forward_axis", "yaw_axis")
 _MAX_CODE = 0x2FF  # KEY_MAX
@@ -49,7 +49,16 @@ def read_map(path: Path, found: PadId) -> PadMap | None:
         raise MalformedFile(path, None, "is of another driver of this gamepad, with which its controls have other codes")
     if row is None or not row.fits(found):
         raise MalformedFile(path, None, "does not name the controls of this gamepad")
-    return row
+    return replace(row, arm=_arm_controls(row, found))
+
+
+def _arm_controls(row: PadMap, found: PadId) -> ArmControls | None:
+    """Return the table's controls of the arm for a calibrated pad; None if it has none, or one of them drives."""
+    known = find_map(found)
+    if known is None or known.arm is None:
+        return None
+    drives = {row.dead_man, row.turbo} & set(known.arm.buttons) or set(row.axes) & set(known.arm.ranges)
+    return None if drives else known.arm
 
 
 def write_map(path: Path, row: PadMap) -> Path | None:

@@ -1,4 +1,4 @@
-"""`pad_teleop`: drives with a gamepad that is connected to this computer."""
+"""`pad_teleop`: drives and moves the arm with a gamepad that is connected to this computer."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, encode
 from lupin_runtime.json_text import conform, parse_json
 from lupin_runtime.ros import LupinNode, stamp_from_ns
+from lupin_runtime.teleop.arm_jogger import AT_REST, ArmJogger
 from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
+from lupin_runtime.teleop.jog_publisher import JogPublisher
 from lupin_runtime.teleop.map_files import map_folder
-from lupin_runtime.teleop.pad_driver import MIN_PERIOD_S, PERIOD_S, PadDriver
+from lupin_runtime.teleop.pad_driver import PadDriver
+from lupin_runtime.teleop.pad_selection import MIN_PERIOD_S, PERIOD_S
 from lupin_runtime.teleop.pad_state import DeadMan, PadState
 from lupin_runtime.teleop.readable_watch import ReadableWatch
 from lupin_runtime.teleop.rumble import AlertRules, Rumbles
@@ -37,11 +40,12 @@ class PadTeleop(LupinNode):
         devices, sysfs = Path(self.parameter("devices", str(DEVICES))), Path(self.parameter("sysfs", str(SYSFS)))
         maps = Path(self.parameter("maps", str(map_folder())))
         self._pads = ConnectedPads(devices, sysfs, maps=maps, inform=log.info, warn=log.warning)
-        self._driver = PadDriver()
+        self._driver, self._jogger = PadDriver(), ArmJogger()
         self._alerts, self._rumbles = AlertRules(), Rumbles(devices, sysfs, log.info)
         self._wakes = 0
         self._closed = False
         self._velocity = self.publisher(graph.CMD_VEL_JOY)
+        self._rates = JogPublisher(self)
         self._joy = self.publisher(graph.JOY)
         self.subscription(graph.DRIVE_STATUS, self._on_status)
         wake = self.create_guard_condition(self._on_wake)
@@ -56,10 +60,12 @@ class PadTeleop(LupinNode):
         self._scan()
 
     def before_shutdown(self) -> None:
-        """Publish a last zero if a pad drives."""
+        """Publish a last zero if a pad drives, and if one moves the arm."""
         self._closed = True
         if self._driver.driving is not None:
             self._velocity.publish(encode(ZERO))
+        if self._jogger.jogging is not None:
+            self._rates.publish([AT_REST])
 
     def destroy_node(self) -> None:
         """Close the pads, and leave the graph."""
@@ -103,7 +109,10 @@ class PadTeleop(LupinNode):
         velocity = self._driver.step(self._pads.states, now_ns)
         if velocity is not None and not self._closed:
             self._velocity.publish(encode(velocity))
-        if self._driver.delayed and self._soon.is_canceled():
+        rates = self._jogger.step(self._pads.states, self._driver.driving, now_ns)
+        if not self._closed:
+            self._rates.publish(rates)
+        if (self._driver.delayed or self._jogger.delayed) and self._soon.is_canceled():
             self._soon.reset()
 
     def _on_status(self, message: Any) -> None:

@@ -8,19 +8,27 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lupin_runtime.teleop.events import (
     ABS_BRAKE,
     ABS_GAS,
+    ABS_HAT0X,
+    ABS_HAT0Y,
     ABS_RX,
     ABS_RY,
     ABS_RZ,
     ABS_X,
     ABS_Y,
     ABS_Z,
+    BTN_C,
+    BTN_EAST,
+    BTN_NORTH,
+    BTN_SOUTH,
     BTN_TL,
+    BTN_TL2,
     BTN_TR,
+    BTN_TR2,
     BTN_WEST,
     BTN_Z,
     EV_ABS,
@@ -36,7 +44,8 @@ _RECEIVERS = {(MICROSOFT, 0x0719), (MICROSOFT, 0x0291), (MICROSOFT, 0x02A1), (SO
 # Drivers that follow the kernel's gamepad layout, instead of the order of the pad's descriptor, set this bit of the version.
 KERNEL_LAYOUT = 0x8000
 
-SIGNED_16, UNSIGNED_16, UNSIGNED_8 = (-32768, 32767), (0, 65535), (0, 255)
+SIGNED_16, UNSIGNED_16, UNSIGNED_10, UNSIGNED_8 = (-32768, 32767), (0, 65535), (0, 1023), (0, 255)
+HAT = (-1, 1)
 # Around the center of a stick, as a share of its way. A link by radio has the wider one.
 DEAD_ZONES = {USB: 0.10, BLUETOOTH: 0.15}
 
@@ -53,6 +62,41 @@ class PadId:
     version: int
     keys: frozenset[int]
     axes: frozenset[int]
+
+
+@dataclass(frozen=True)
+class ArmControls:
+    """The codes of the controls that move the arm. No stick is among them: the right one turns the base.
+
+    `left` and `top` are the face buttons at these places, whose codes depend on the vendor. `open` and `close` are the codes of
+    the triggers: of axes with `trigger_range`, which rest at its lower end, or of buttons without one.
+    """
+
+    left: int = BTN_WEST
+    top: int = BTN_NORTH
+    right: int = BTN_EAST
+    bottom: int = BTN_SOUTH
+    sideways: int = ABS_HAT0X  # directional pad
+    forward: int = ABS_HAT0Y
+    open: int = ABS_RZ
+    close: int = ABS_Z
+    trigger_range: tuple[int, int] | None = UNSIGNED_10
+
+    @property
+    def buttons(self) -> tuple[int, ...]:
+        """The codes of all buttons."""
+        triggers = (self.open, self.close) if self.trigger_range is None else ()
+        return (self.left, self.top, self.right, self.bottom, *triggers)
+
+    @property
+    def ranges(self) -> dict[int, tuple[int, int]]:
+        """The codes of all axes, with the ranges that they have where the device cannot be asked."""
+        hats = {self.sideways: HAT, self.forward: HAT}
+        return hats if self.trigger_range is None else {**hats, self.open: self.trigger_range, self.close: self.trigger_range}
+
+
+# Drivers of Microsoft's pads call the buttons X and Y, which are those to the left and at the top, by each other's codes.
+_XBOX_ARM = ArmControls(left=BTN_NORTH, top=BTN_WEST)
 
 
 @dataclass(frozen=True)
@@ -77,16 +121,28 @@ class PadMap:
     yaw_axis: int = ABS_RX  # right stick
     axis_range: tuple[int, int] = SIGNED_16
     above_center: tuple[int, ...] = ()
+    arm: ArmControls | None = None  # None: this pad does not move the arm
 
     @property
     def axes(self) -> tuple[int, int, int]:
         """The codes of the axes that drive: lateral, forward, yaw."""
         return self.lateral_axis, self.forward_axis, self.yaw_axis
 
+    @property
+    def ranges(self) -> dict[int, tuple[int, int]]:
+        """The codes of all axes that have an effect, with their ranges where the device cannot be asked."""
+        return {**(self.arm.ranges if self.arm else {}), **dict.fromkeys(self.axes, self.axis_range)}
+
     def control(self, kind: int, code: int) -> str:
         """Return the name of a key or an axis, as an event has it; empty if it has no effect."""
         buttons = {self.dead_man: "dead-man button", self.turbo: "turbo button"}
         sticks = dict(zip(self.axes, ("sideways", "forward", "turn")))
+        if (arm := self.arm) is not None:
+            triggers = {arm.open: "open gripper", arm.close: "close gripper"}
+            faces = {arm.right: "pan left", arm.left: "pan right", arm.top: "lift back", arm.bottom: "lift forward"}
+            buttons = {**(triggers if arm.trigger_range is None else {}), **faces, **buttons}
+            axes = {**(triggers if arm.trigger_range else {}), arm.forward: "elbow", arm.sideways: "wrist"}
+            sticks = {**axes, **sticks}
         return {EV_KEY: buttons, EV_ABS: sticks}.get(kind, {}).get(code, "")
 
     def fits(self, found: PadId) -> bool:
@@ -113,6 +169,7 @@ MAPS: tuple[PadMap, ...] = (
         dead_man=BTN_WEST,
         turbo=BTN_Z,
         axis_range=UNSIGNED_16,
+        arm=ArmControls(left=BTN_C, top=BTN_NORTH),
     ),
     # hid-generic and hid-microsoft: the right stick is Z and RZ, the triggers are GAS and BRAKE.
     PadMap(
@@ -122,10 +179,11 @@ MAPS: tuple[PadMap, ...] = (
         declares=(ABS_RZ, ABS_GAS, ABS_BRAKE),
         yaw_axis=ABS_Z,
         axis_range=UNSIGNED_16,
+        arm=replace(_XBOX_ARM, open=ABS_GAS, close=ABS_BRAKE),
     ),
     # xpadneo over Bluetooth has the layout of xpad, which drives a pad on a cable.
-    PadMap("Xbox, xpadneo", (BLUETOOTH,), MICROSOFT, declares=(ABS_RY, ABS_Z, ABS_RZ)),
-    PadMap("Xbox", (USB, XONE), MICROSOFT, declares=(ABS_RY, ABS_Z, ABS_RZ)),
+    PadMap("Xbox, xpadneo", (BLUETOOTH,), MICROSOFT, declares=(ABS_RY, ABS_Z, ABS_RZ), arm=_XBOX_ARM),
+    PadMap("Xbox", (USB, XONE), MICROSOFT, declares=(ABS_RY, ABS_Z, ABS_RZ), arm=_XBOX_ARM),
     # hid-sony, and hid-playstation since Linux 6.2. With hid-generic, ABS_RX is a trigger, whose rest would turn the robot.
     PadMap(
         "DualShock 4 or DualSense",
@@ -135,6 +193,7 @@ MAPS: tuple[PadMap, ...] = (
         version_bits=KERNEL_LAYOUT,
         declares=(ABS_RY, ABS_Z, ABS_RZ),
         axis_range=UNSIGNED_8,
+        arm=ArmControls(trigger_range=UNSIGNED_8),
     ),
     # hid-nintendo
     PadMap(
@@ -145,6 +204,7 @@ MAPS: tuple[PadMap, ...] = (
         version_bits=KERNEL_LAYOUT,
         declares=(ABS_RY,),
         axis_range=(-32767, 32767),
+        arm=ArmControls(open=BTN_TR2, close=BTN_TL2, trigger_range=None),
     ),
 )
 

@@ -8,8 +8,11 @@ Only a press of the dead-man button that was seen, after the button was seen rel
   take seconds. What the kernel repeats by itself is no sign of the pad;
 * if a value is none that a button has, or more events arrive than a pad sends.
 
-Then it has to be released and pressed anew. What changes in one report of the pad, which ends with SYN_REPORT, takes effect at
-once, except that a release does not wait for the end of its report.
+Then it has to be released and pressed anew. The controls of the arm count by the same rules: after each of these, all of them
+have to be seen at rest; and none counts unless the dead-man button is released.
+
+What changes in one report of the pad, which ends with SYN_REPORT, takes effect at once, except that a release of the dead-man
+button does not wait for the end of its report.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from dataclasses import dataclass
 
 from lupin_runtime.teleop.events import EV_ABS, EV_KEY, EV_SYN, SYN_DROPPED, SYN_REPORT, Event
 from lupin_runtime.teleop.pad_maps import BLUETOOTH, DEAD_ZONES, PadMap
-from lupin_runtime.teleop.velocity import Sticks, normalize
+from lupin_runtime.teleop.velocity import Sticks, normalize, shape
 
 STALE_S = 0.25  # of an event that is handled, and of the time since events were last read
 QUIET_S = 3.0
@@ -45,6 +48,17 @@ class Snapshot:
     axes: Mapping[int, int]
 
 
+@dataclass(frozen=True)
+class ArmDeflections:
+    """The controls of the arm, -1..1: lift, elbow and wrist lean back, the pan turns left, and the gripper closes with +1."""
+
+    pan: float = 0.0
+    lift: float = 0.0
+    elbow: float = 0.0
+    wrist: float = 0.0
+    gripper: float = 0.0
+
+
 class PadState:
     """The state of one pad. Times are nanoseconds of the monotonic clock."""
 
@@ -58,7 +72,10 @@ class PadState:
         self.row = row
         self.dead_zone = DEAD_ZONES.get(bus, DEAD_ZONES[BLUETOOTH])
         self.dead_man = DeadMan.UNKNOWN
-        self._ranges = {code: ranges.get(code, row.axis_range) for code in row.axes}
+        self._ranges = {code: ranges.get(code, known) for code, known in row.ranges.items()}
+        self._arm_buttons = frozenset(row.arm.buttons) if row.arm else frozenset()
+        self._arm_trusted = False  # whether the controls of the arm count: all were at rest since the last doubt
+        self._pressed: set[int] = set()  # of the arm's buttons
         self._axes: dict[int, int] = {}
         self._turbo = False
         self._report: list[Event] = []  # the changes of the report that has begun
@@ -80,6 +97,35 @@ class PadState:
         left, forward, turn = (self._stick(code) for code in self.row.axes)
         return Sticks(forward, left, turn)
 
+    @property
+    def arm(self) -> ArmDeflections:
+        """The controls of the arm; at rest if they do not count."""
+        released = self.dead_man is DeadMan.RELEASED
+        return self._arm_deflections() if released and self._arm_trusted else ArmDeflections()
+
+    def _arm_deflections(self) -> ArmDeflections:
+        arm = self.row.arm
+        if arm is None:
+            return ArmDeflections()
+        pressed = self._pressed
+        if arm.trigger_range is None:
+            gripper = float(arm.close in pressed) - float(arm.open in pressed)
+        else:
+            gripper = self._trigger(arm.close) - self._trigger(arm.open)
+        return ArmDeflections(
+            pan=float(arm.right in pressed) - float(arm.left in pressed),
+            lift=float(arm.top in pressed) - float(arm.bottom in pressed),
+            elbow=0.0 - normalize(self._axes.get(arm.forward), *self._ranges[arm.forward]),
+            wrist=0.0 - normalize(self._axes.get(arm.sideways), *self._ranges[arm.sideways]),
+            gripper=gripper,
+        )
+
+    def _trigger(self, code: int) -> float:
+        """Return how far a trigger is pulled, 0..1."""
+        low, high = self._ranges[code]
+        value = self._axes.get(code)
+        return 0.0 if value is None else shape((normalize(value, low, high) + 1.0) / 2.0, self.dead_zone)
+
     def _stick(self, code: int) -> float:
         place = normalize(self._axes.get(code), *self._ranges[code])
         return place if code in self.row.above_center else 0.0 - place
@@ -94,10 +140,12 @@ class PadState:
             self._handle_event(event, now_ns)
         if len(events) > MAX_EVENTS:
             self.distrust()
+        settled = now_ns - self._connected_ns >= SETTLE_S * 1e9
+        self._arm_trusted = self._arm_trusted or (settled and self._arm_deflections() == ArmDeflections())
 
     def check(self, now_ns: int) -> None:
-        """Stop trusting the dead-man button if the events are no longer read, or the pad is silent."""
-        if self.dead_man is not DeadMan.HELD:
+        """Stop trusting the pad's buttons if the events are no longer read, or the pad is silent."""
+        if self.dead_man is not DeadMan.HELD and self.arm == ArmDeflections():
             return
         if now_ns - self._read_ns > STALE_S * 1e9:
             self._problem = f"was not read for {STALE_S:g} s, as this computer is busy"
@@ -112,20 +160,23 @@ class PadState:
         return problem
 
     def distrust(self) -> None:
-        """Require that the dead-man button is seen released before it counts again."""
+        """Require that the dead-man button and the arm's controls are seen released before they count again."""
         self.dead_man = DeadMan.UNKNOWN
+        self._arm_trusted = False
         self._report.clear()
 
     def resynchronize(self, snapshot: Snapshot) -> None:
         """Take over the state that the kernel keeps. A button that is held there may have been held all along."""
         self.dead_man = DeadMan.UNKNOWN if self.row.dead_man in snapshot.keys else DeadMan.RELEASED
         self._turbo = self.row.turbo in snapshot.keys
+        self._pressed = set(self._arm_buttons & set(snapshot.keys))
         self._axes = {code: value for code, value in snapshot.axes.items() if code in self._ranges}
 
     def _handle_event(self, event: Event, now_ns: int) -> None:
         if event.type == EV_SYN and event.code == SYN_DROPPED:
             self.distrust()
             self._axes.clear()
+            self._pressed.clear()
             self._turbo = False
             self._dropping = True
         elif event.type == EV_SYN and event.code == SYN_REPORT:
@@ -143,14 +194,18 @@ class PadState:
             self._dropping = False
             return
         for event in report:
-            if abs(now_ns - event.time_ns) > STALE_S * 1e9 and self.dead_man is DeadMan.HELD:
-                self.distrust()
+            if abs(now_ns - event.time_ns) > STALE_S * 1e9:
+                self._arm_trusted = False
+                if self.dead_man is DeadMan.HELD:
+                    self.distrust()
             if event.type == EV_ABS and event.code in self._ranges:
                 self._axes[event.code] = event.value
             elif event.type == EV_KEY and event.code == self.row.turbo:
                 self._turbo = event.value == 1 or (event.value == REPEATED and self._turbo)
             elif event.type == EV_KEY and event.code == self.row.dead_man:
                 self._press(event, now_ns)
+            elif event.type == EV_KEY and event.code in self._arm_buttons:
+                self._press_for_arm(event)
 
     def _press(self, event: Event, now_ns: int) -> None:
         """Handle a change of the dead-man button; a repeated press changes nothing."""
@@ -163,3 +218,11 @@ class PadState:
             settled = now_ns - self._connected_ns >= SETTLE_S * 1e9
             believed = self.dead_man is not DeadMan.UNKNOWN and fresh and settled
             self.dead_man = DeadMan.HELD if believed else DeadMan.UNKNOWN
+
+    def _press_for_arm(self, event: Event) -> None:
+        if event.value == 0:
+            self._pressed.discard(event.code)
+        elif event.value == 1:
+            self._pressed.add(event.code)
+        elif event.value != REPEATED:
+            self.distrust()

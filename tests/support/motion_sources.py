@@ -65,6 +65,7 @@ SOURCES = (
     _stream("stream of another publisher, /cmd_vel_auto, sends zero", graph.CMD_VEL_AUTO),
     _stream("stream of another publisher, /cmd_vel_auto, goes silent", graph.CMD_VEL_AUTO, silent_s=3.0),
     _stream("stream of another publisher, /cmd_vel_nav", graph.CMD_VEL_NAV),
+    _stream("jog held, /lupin/arm/jog", graph.ARM_JOG),
     MotionSource("arm preset", ReleaseRig.other_preset, ReleaseRig.other_preset),
     MotionSource("arm replay", ReleaseRig.play, ReleaseRig.play, stop=lambda rig: rig.call(graph.ARM_LIBRARY_STOP)),
     MotionSource(

@@ -102,19 +102,15 @@ class ReleaseRig(GraphClient):
         self.locks = json.loads(message.data)["locks"]
 
     def _publish_streams(self) -> None:
-        from geometry_msgs.msg import Twist
-
         # Publishers with even and odd numbers take turns, so that neither of them always has an input's newest message.
         self._turn = 1 - self._turn
         for (publisher, number), speed in list(self._streams.items()):
             if speed is not None and number % 2 == self._turn:
-                message = Twist()
-                message.linear.x = speed
-                publisher.publish(message)
+                publisher.publish(_stream_message(publisher.msg_type, speed))
 
     # -- requests ------------------------------------------------------------------------------------------------------
     def stream(self, row: graph.Topic, speed_m_s: float | None, number: int = 0) -> None:
-        """Publish a velocity at 20 Hz from now on, or nothing any more if it is None."""
+        """Publish a velocity at 20 Hz from now on, or nothing any more if it is None. That of a jog is the pan's, in rad/s."""
         self._streams[self.publisher(row, number), number] = speed_m_s
 
     def set_estop(self, engaged: bool) -> None:
@@ -369,6 +365,17 @@ class ReleaseRig(GraphClient):
         """Abort twice: the first abort drives to the dock, the second ends the mission where the robot is."""
         self.call(graph.MISSION_ABORT)
         self.call(graph.MISSION_ABORT)
+
+
+def _stream_message(message_type: Any, speed: float) -> Any:
+    from geometry_msgs.msg import Twist
+    from sensor_msgs.msg import JointState
+
+    if message_type is JointState:
+        return JointState(name=[graph.ARM_JOINTS[0]], velocity=[speed])
+    message = Twist()
+    message.linear.x = speed
+    return message
 
 
 def _largest_change(a: dict[str, float], b: dict[str, float]) -> float:

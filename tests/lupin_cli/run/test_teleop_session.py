@@ -20,7 +20,7 @@ from lupin_cli.safe_console import SafeConsole
 from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, Twist, decode
 from lupin_runtime.teleop import connected_pads
-from lupin_runtime.teleop.events import ABS_Y, BTN_TL
+from lupin_runtime.teleop.events import ABS_Y, BTN_EAST, BTN_TL
 from lupin_runtime.teleop.velocity import NORMAL, TURBO
 from tests.support import pad_ids
 from tests.support.fake_pads import FakePads
@@ -53,7 +53,10 @@ class Rig:
         probe = LupinNode("probe")
         probe.subscription(graph.CMD_VEL_MANUAL, lambda data: self.by_keys.append(decode(data)), raw=True)
         probe.subscription(graph.CMD_VEL_JOY, lambda data: self.by_pads.append(decode(data)), raw=True)
+        self.rates: list[dict[str, float]] = []
+        probe.subscription(graph.ARM_JOG, lambda message: self.rates.append(dict(zip(message.name, message.velocity))))
         self._status = probe.publisher(graph.DRIVE_STATUS)
+        self._arm_status = probe.publisher(graph.ARM_STATUS)
         host.add(probe)
 
     def handle_waiting(self) -> None:
@@ -63,6 +66,11 @@ class Rig:
         from std_msgs.msg import String
 
         self._status.publish(String(data=json.dumps(status)))
+
+    def publish_arm_status(self, text: str) -> None:
+        from std_msgs.msg import String
+
+        self._arm_status.publish(String(data=text))
 
 
 @pytest.fixture
@@ -125,6 +133,46 @@ def test_gamepad_drives_if_the_run_does_not_read_it(rig: Rig, fake_pads: FakePad
     assert "sends forward 0.20 m/s" in shown(session)
     session.close()
     rig.host.until(lambda: rig.by_pads[-1] == ZERO, what="the zero at the end")
+
+
+def test_gamepad_moves_the_arm_if_the_run_does_not_read_it(rig: Rig, fake_pads: FakePads) -> None:
+    fake_pads.plug("event5", pad_ids.XBOX_USB)
+    session = TeleopSession(rig.node, reads_pads=True)
+
+    def press() -> bool:
+        for code, value in ((BTN_TL, 0), (BTN_EAST, 0), (BTN_EAST, 1)):
+            now_ns = time.monotonic_ns()
+            fake_pads.send("event5", key(code, value, now_ns))
+            session.step([], now_ns)
+        return any(rates["shoulder_pan_joint"] > 0.0 for rates in rig.rates)
+
+    rig.host.until(press, what="the rates of the gamepad")
+    assert not any(rig.rates[0].values())
+    assert "sends arm: pan +1.50 rad/s" in shown(session)
+    session.close()
+    rig.host.until(lambda: not any(rig.rates[-1].values()), what="the rest at the end")
+    assert rig.by_pads == []
+
+
+@pytest.mark.parametrize(
+    ("status", "expected"),
+    [
+        ({}, "at rest"),
+        ({"moving": True}, "moves"),
+        ({"holder": "playing wave"}, "is reserved: playing wave"),
+        ({"holder": "jogging", "jogged_by": "the gamepad of bench"}, "obeys the gamepad of bench"),
+        ({"jog_refusal": "the arm is reserved: playing wave"}, "is not moved by gamepad: the arm is reserved: playing wave"),
+        ({"limp": True}, "is limp"),
+        ({"alarms": ["the arm's elbow does not follow", 7]}, "the arm's elbow does not follow"),
+    ],
+)
+def test_view_shows_what_the_arm_does(rig: Rig, status: dict[str, Any], expected: str) -> None:
+    session = TeleopSession(rig.node, reads_pads=False)
+    assert "arm        is silent" in shown(session)
+    rig.publish_arm_status("{")
+    rig.publish_arm_status(json.dumps(status))
+    rig.host.until(lambda: session.arm_status, what="the arm's status")
+    assert expected in shown(session)
 
 
 def test_view_shows_why_the_drive_bus_is_locked(rig: Rig) -> None:

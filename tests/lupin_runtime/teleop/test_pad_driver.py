@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from lupin_runtime.drive import ZERO, Twist
 from lupin_runtime.teleop.events import ABS_RX, ABS_X, ABS_Y, BTN_TL, BTN_TR
-from lupin_runtime.teleop.pad_driver import MIN_PERIOD_S, PERIOD_S, PadDriver
+from lupin_runtime.teleop.pad_driver import PadDriver
+from lupin_runtime.teleop.pad_selection import MIN_PERIOD_S, PERIOD_S
 from lupin_runtime.teleop.pad_state import PadState
 from lupin_runtime.teleop.velocity import NORMAL, TURBO, Sticks, command_velocity, normalize, shape
 from tests.support.pad_events import MS, SETTLED_NS, axis, held_state, key, new_state
