@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from copy import copy
 
-from markupsafe import Markup
-
 from lupin_runtime.report.images import Extent, known_extent
-from lupin_runtime.report.page.markup import element
 from lupin_runtime.report.report_json import ReportInput
 
 _MARGIN_M = 0.4
@@ -52,11 +49,10 @@ class Canvas:
         """Convert a point of the map frame to the canvas."""
         return (x - self.extent.x0) * 100.0, (self.extent.y1 - y) * 100.0
 
-    def image(self, uri: str, extent: Extent, css: str, **attributes: str) -> Markup:
-        """Return a raster image that covers an extent."""
+    def box(self, extent: Extent) -> dict[str, float]:
+        """Return x, y, width and height of an extent on the canvas."""
         left, top = self.at(extent.x0, extent.y1)
-        size = {"width": extent.width * 100.0, "height": extent.height * 100.0}
-        return element("image", x=left, y=top, **size, href=uri, class_=css, preserveAspectRatio="none", **attributes)
+        return {"x": left, "y": top, "width": extent.width * 100.0, "height": extent.height * 100.0}
 
 
 def _points(report: ReportInput) -> Iterable[tuple[float, float]]:

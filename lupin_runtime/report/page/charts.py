@@ -5,18 +5,15 @@ The script shows the values at the pointer and zooms; it needs the points as dat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
-from markupsafe import Markup
-
-from lupin_runtime.report.page.markup import element, join
+from lupin_runtime.report.page.symbols import path_data
 from lupin_runtime.report.report_json import ReportInput
 from lupin_runtime.report.series import GAP_S, Points, TimeSeries, keep_extremes
 
-_WIDTH, _HEIGHT = 600.0, 120.0
 _MAX_POINTS = 800
 
 
@@ -54,12 +51,15 @@ class Chart:
     signed: bool = False
     missing: str = ""
 
+    WIDTH: ClassVar[float] = 600.0
+    HEIGHT: ClassVar[float] = 120.0
+
     @property
     def is_drawn(self) -> bool:
         """Whether there is enough data to draw."""
         return any(len(series.points) > 1 for series in self.series)
 
-    @property
+    @cached_property
     def high(self) -> float:
         """The upper end of the scale."""
         return max([self.min_high, *(abs(v) if self.signed else v for s in self.series for _, v in s.points)])
@@ -69,20 +69,30 @@ class Chart:
         """The lower end of the scale."""
         return -self.high if self.signed else 0.0
 
-    def svg(self, duration_s: float) -> Markup:
-        """Return the drawing."""
-        low, high = self.low, self.high
-        lines = [element("line", x1=0.0, x2=_WIDTH, y1=_y(0.0, low, high), y2=_y(0.0, low, high), class_="zero")]
+    def y(self, value: float) -> float:
+        """Return the height of a value in the drawing; y points down."""
+        return self.HEIGHT - 2.0 - (self.HEIGHT - 4.0) * (value - self.low) / max(self.high - self.low, 1e-9)
+
+    def paths(self, duration_s: float) -> Iterator[tuple[str, str]]:
+        """Yield (CSS classes, path data) of the series' areas and lines."""
+        base = self.y(0.0)
         for index, series in enumerate(self.series):
-            lines += _draw_series(series, index, duration_s, low, high)
-        return element(
-            "svg",
-            join(lines),
-            viewBox=f"0 0 {_WIDTH:.0f} {_HEIGHT:.0f}",
-            preserveAspectRatio="none",
-            role="img",
-            aria_label=self.description,
-        )
+            lines, areas = "", ""
+            for piece in series.pieces():
+                points = [(self.WIDTH * t / max(duration_s, 1e-3), self.y(v)) for t, v in piece]
+                if series.shape == "stems":
+                    lines += "".join(f"M{x:.1f} {base:.1f}V{y:.1f}" for x, y in points)
+                    continue
+                if series.shape == "steps":
+                    path = path_data(points[:1]) + "".join(f"H{x:.1f}V{y:.1f}" for x, y in points[1:])
+                else:
+                    path = path_data(points)
+                lines += path
+                areas += f"{path}V{base:.1f}H{points[0][0]:.1f}Z" if series.shape == "area" else ""
+            if areas:
+                yield f"area area-{index}", areas
+            if lines:
+                yield f"line line-{index}", lines
 
     def data(self) -> dict[str, Any]:
         """Return plain data for the script: seconds, and values with four significant digits."""
@@ -196,25 +206,3 @@ def count_up(times: Sequence[float], end_s: float) -> list[tuple[float, float]]:
     if not times:
         return []
     return [(0.0, 0.0), *((t, float(n + 1)) for n, t in enumerate(times)), (end_s, float(len(times)))]
-
-
-def _draw_series(series: Series, index: int, duration_s: float, low: float, high: float) -> list[Markup]:
-    base = _y(0.0, low, high)
-    lines, areas = "", ""
-    for piece in series.pieces():
-        points_xy = [(_WIDTH * t / max(duration_s, 1e-3), _y(v, low, high)) for t, v in piece]
-        if series.shape == "stems":
-            lines += "".join(f"M{x:.1f} {base:.1f}V{y:.1f}" for x, y in points_xy)
-            continue
-        if series.shape == "steps":
-            path = f"M{points_xy[0][0]:.1f} {points_xy[0][1]:.1f}" + "".join(f"H{x:.1f}V{y:.1f}" for x, y in points_xy[1:])
-        else:
-            path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points_xy)
-        lines += path
-        areas += f"{path}V{base:.1f}H{points_xy[0][0]:.1f}Z" if series.shape == "area" else ""
-    elements = [element("path", d=areas, class_=f"area area-{index}")] if areas else []
-    return [*elements, element("path", d=lines, class_=f"line line-{index}")] if lines else []
-
-
-def _y(value: float, low: float, high: float) -> float:
-    return _HEIGHT - 2.0 - (_HEIGHT - 4.0) * (value - low) / max(high - low, 1e-9)

@@ -8,9 +8,8 @@ from lupin_runtime.report.comparison import A, B, Comparison, TagPair, TagSide, 
 from lupin_runtime.report.findings import clock
 from lupin_runtime.report.page.canvas import Canvas
 from lupin_runtime.report.page.charts import QUANTITIES, Chart, Series, count_up
-from lupin_runtime.report.page.environment import page_environment, script, styles
-from lupin_runtime.report.page.map_svg import draw_map
-from lupin_runtime.report.page.markup import script_json
+from lupin_runtime.report.page.environment import page_environment, script, script_json, styles
+from lupin_runtime.report.page.map_drawing import MapDrawing
 from lupin_runtime.report.page.run_headers import outcome_of, run_facts
 from lupin_runtime.report.page.tag_rows import OUTCOME_MARKS
 from lupin_runtime.report.report_json import ReportInput, figures
@@ -40,7 +39,7 @@ def render_comparison(comparison: Comparison) -> str:
             sides=[(name, report, outcome_of(report), _headline(report), run_facts(report)[1:]) for name, report in reports],
             figures=_figure_rows(comparison),
             tags=[_tag_row(pair) for pair in comparison.tags],
-            maps=[(name, report, draw_map(report, Canvas(report), (), f"{name.lower()}-")) for name, report in reports],
+            maps=[(name, report, MapDrawing(report, Canvas(report), id_prefix=f"{name.lower()}-")) for name, report in reports],
             charts=drawings,
             end_s=end_s,
             css=styles(),

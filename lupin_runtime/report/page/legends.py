@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from lupin_runtime.report.findings import clock
 from lupin_runtime.report.health import SENSORS
 from lupin_runtime.report.images import HeatMap
-from lupin_runtime.report.page.map_svg import max_speed
+from lupin_runtime.report.page.map_drawing import max_speed
 from lupin_runtime.report.palette import HEAT_ALPHA, SPECIES, SPEED_RAMP, TIME_RAMP, heat_rgb, species_label
 from lupin_runtime.report.report_json import ReportInput
 

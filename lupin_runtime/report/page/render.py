@@ -8,10 +8,9 @@ from lupin_runtime.report.images import heat_maps
 from lupin_runtime.report.page.canvas import Canvas
 from lupin_runtime.report.page.cards import figure_cards
 from lupin_runtime.report.page.charts import charts
-from lupin_runtime.report.page.environment import page_environment, script, styles
+from lupin_runtime.report.page.environment import page_environment, script, script_json, styles
 from lupin_runtime.report.page.legends import heat_ramps, layers, path_ramps, species_colors
-from lupin_runtime.report.page.map_svg import draw_map
-from lupin_runtime.report.page.markup import script_json
+from lupin_runtime.report.page.map_drawing import MapDrawing
 from lupin_runtime.report.page.process_rows import process_rows
 from lupin_runtime.report.page.replay import replay_data
 from lupin_runtime.report.page.run_headers import outcome_of, run_facts
@@ -36,7 +35,7 @@ def render_page(report: ReportInput) -> str:
             facts=run_facts(report),
             sentence=report.facts.get("sentence") if report.state != "DONE" else None,
             cards=figure_cards(report),
-            map=draw_map(report, canvas, heat),
+            map=MapDrawing(report, canvas, heat),
             heat_choices=[(h.sensor, SENSORS[h.sensor].label) for h in heat],
             ramps=[*path_ramps(report), *heat_ramps(heat)],
             layers=layers(report),

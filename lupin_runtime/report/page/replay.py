@@ -75,12 +75,10 @@ def _maps(report: ReportInput, canvas: Canvas) -> list[dict[str, Any]]:
         extent = known_extent(grid)
         if extent is None:
             continue
-        left, top = canvas.at(extent.x0, extent.y1)
-        box = {"x": left, "y": top, "width": extent.width * 100.0, "height": extent.height * 100.0}
         found.append(
             {
                 "t": round(snapshot.t_s, 1),
-                "box": {name: round(value, 1) for name, value in box.items()},
+                "box": {name: round(value, 1) for name, value in canvas.box(extent).items()},
                 **{theme: data_uri(map_png(grid, extent, theme, scale=1), "png") for theme in ("light", "dark")},
             }
         )

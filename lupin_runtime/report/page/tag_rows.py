@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from lupin_runtime.report.findings import clock
 from lupin_runtime.report.health import SENSORS, grade
 from lupin_runtime.report.images import data_uri, thumbnail
-from lupin_runtime.report.page.map_svg import OUTCOME_LABELS, anchor
+from lupin_runtime.report.page.map_drawing import OUTCOME_LABELS, anchor
 from lupin_runtime.report.palette import SPECIES, SPECIES_OTHER, flower_label
 from lupin_runtime.report.report_json import ReportInput
 from lupin_runtime.report.run_log import CameraImage

@@ -19,6 +19,7 @@ from lupin_runtime.record.writer import RecordingWriter
 from lupin_runtime.report import Report, build_report
 from lupin_runtime.report.build import read_log
 from lupin_runtime.report.findings import run_findings
+from lupin_runtime.report.page import render_page
 from tests.support.hostile_samples import write_recording
 
 from .conftest import HOSTILE, SLOWDOWN, facts, make_run, score  # isort: skip
@@ -243,6 +244,27 @@ def test_hostile_text_is_escaped(tmp_path: Path) -> None:
     assert text.lower().count("</style>") == 1
     assert text.lower().count("</script>") == 2
     assert HOSTILE in " ".join(page.texts)
+
+
+def test_hostile_names_are_escaped_on_the_map(built: Report) -> None:
+    truth = {**built.source.truth, "tags": [{**tag, "id": HOSTILE} for tag in built.source.truth["tags"]]}
+    processes = {**built.source.facts, "stages": [{"name": HOSTILE, "why": HOSTILE}]}
+    source = replace(built.source, run_id=HOSTILE, truth=truth, facts=processes)
+    source.tags = [replace(tag, tag_id=f"{HOSTILE} {tag.tag_id}") for tag in source.tags]
+    page = Page(render_page(source))
+    assert page.open == page.handlers == []
+    assert page.scripts == 2
+    for expected in (f"True position of tag {HOSTILE}", f"Flower box of tag {HOSTILE} 3", f"Tag {HOSTILE} 21: not reached"):
+        assert expected in page.texts
+    assert any(text.startswith(f"Pink tulip at tag {HOSTILE} 3") for text in page.texts)
+    assert page.texts.count(HOSTILE) == 2  # the process and its reason
+
+
+def test_tag_that_faces_up_is_drawn_as_a_circle(built: Report) -> None:
+    source = replace(built.source)
+    source.tags = [replace(tag, pose=tag.pose and replace(tag.pose, facing_rad=None)) for tag in source.tags]
+    assert len(re.findall(r'<circle [^>]*class="plate"', render_page(source))) == 2 * 8  # for wide screens and for phones
+    assert not re.search(r'<circle [^>]*class="plate"', built.page.read_text())
 
 
 def test_rebuilt_report_keeps_facts_and_score(built: Report, mission_run: Path) -> None:
