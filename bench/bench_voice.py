@@ -25,11 +25,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.runner import Figures, benchmark, note
-from lupin_runtime.voice.endpointer import FRAME_MS, SAMPLE_RATE_HZ, Edge, Endpointer, split_frames
+from lupin_runtime.voice.endpointer import (
+    BEFORE_MS,
+    FRAME_BYTES,
+    FRAME_MS,
+    SAMPLE_RATE_HZ,
+    Edge,
+    Endpointer,
+    EndpointerSettings,
+    split_frames,
+)
 from lupin_runtime.voice.grammar import has_stop_word, parse
 from lupin_runtime.voice.recognizer import CommandRecognizer
 from lupin_runtime.voice.speech import Speaker, SpeechUnavailable
-from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, STEP_S, StopSpotter
+from lupin_runtime.voice.spotting_endpointer import MAX_WORD_MS, WORD_PAUSE_MS, SpottingEndpointer
+from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, HALT, STEP_S, StopSpotter
 from lupin_runtime.voice.tools import BY_NAME, Effect
 from lupin_runtime.voice.utterance import Call
 from tests.support.paths import ROOT
@@ -170,15 +180,11 @@ def play(sound: bytes, recognizer: CommandRecognizer) -> float | None:
         at_s.append(time.monotonic() - began)
         spotted.set()
 
-    endpointer = Endpointer()
-    spotter = StopSpotter(recognizer, note)
+    endpointer = SpottingEndpointer(recognizer, note)
     for index, frame in enumerate(split_frames(sound), 1):
         time.sleep(max(0.0, began + index * FRAME_MS / 1e3 - time.monotonic()))
-        if endpointer.push(frame) is Edge.BEGIN:
-            spotter.begin()
-        if endpointer.is_speaking:
-            spotter.update(endpointer.utterance)
-    spotter.close()
+        endpointer.push(frame)
+    endpointer.close()
     return at_s[0] if at_s else None
 
 
@@ -219,6 +225,11 @@ def spot(utterance: bytes, recognizer: CommandRecognizer) -> str:
 
     Of AGREEING_WINDOWS in a row, one has a number that is divisible by that: only around those that hear a stop, all are heard.
     """
+    pause_ms = EndpointerSettings().end_hold_ms
+    if len(utterance) // FRAME_BYTES * FRAME_MS - BEFORE_MS - pause_ms <= MAX_WORD_MS:
+        word = utterance[: len(utterance) - (pause_ms - WORD_PAUSE_MS) // FRAME_MS * FRAME_BYTES]
+        if recognizer.may_be_halt(word):
+            return HALT
     step = int(STEP_S * SAMPLE_RATE_HZ) * 2
     count = len(utterance) // step
 

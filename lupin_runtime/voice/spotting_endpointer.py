@@ -8,8 +8,8 @@ from lupin_runtime.voice.endpointer import BEFORE_MS, FRAME_BYTES, FRAME_MS, Edg
 from lupin_runtime.voice.recognizer import Recognizer
 from lupin_runtime.voice.stop_spotter import StopSpotter
 
-_MAX_WORD_MS = 900
-_WORD_PAUSE_MS = 200  # after a word; between two of a sentence there is less
+MAX_WORD_MS = 900
+WORD_PAUSE_MS = 200  # after a word; between two of a sentence there is less
 
 
 class SpottingEndpointer:
@@ -38,7 +38,7 @@ class SpottingEndpointer:
             utterance, quiet_ms = self._endpointer.utterance, self._endpointer.quiet_ms
             self._spotter.update(utterance)
             spoken_ms = len(utterance) // FRAME_BYTES * FRAME_MS - BEFORE_MS - quiet_ms
-            if quiet_ms == _WORD_PAUSE_MS and spoken_ms <= _MAX_WORD_MS:
+            if quiet_ms == WORD_PAUSE_MS and spoken_ms <= MAX_WORD_MS:
                 self._spotter.end_word(utterance)
         return edge
 
