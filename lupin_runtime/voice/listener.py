@@ -2,7 +2,7 @@
 
     python -m lupin_runtime.voice.listener
 
-It takes 350 MB and much of a core, so it runs only while a page is listened to, and ends with its standard input. Messages are
+It takes 300 MB and much of a core, so it runs only while a page is listened to, and ends with its standard input. Messages are
 those of `listener_protocol.py`.
 """
 
