@@ -182,7 +182,7 @@ class ArmJog:
             if self._at_rest != rates.source:
                 self.refusal = self.refusal or RELEASE_FIRST
                 return
-            self._begin(rates.source)
+            self._begin(rates)
         state = self._fresh_state()
         integrator = self._integrator
         assert integrator is not None
@@ -190,15 +190,19 @@ class ArmJog:
         before = integrator.arm, integrator.gripper
         integrator.step(rates, state, now_ns)
         if any(rates.arm) or integrator.arm != before[0]:
-            self._motion.follow(integrator.arm, AHEAD_S, HOLDER, self._counts[0])
+            self._motion.follow(integrator.arm, AHEAD_S, HOLDER, *self._counts)
         if integrator.gripper is not None and integrator.gripper != before[1]:
             self._send_gripper(integrator.gripper)
 
-    def _begin(self, source: str) -> None:
+    def _begin(self, rates: JogRates) -> None:
         self._motion.hold(HOLDER)
-        self._source, self._counts = source, (self._motion.estop_count, self._motion.stop_count)
+        self._source, self._counts = rates.source, (self._motion.estop_count, self._motion.stop_count)
         self.refusal, self._were_blocked = "", set(self._motion.blocked)
         self._integrator = JogIntegrator(self._motion.held_pose(self._fresh_state()))
+        if not any(rates.arm):
+            # The arm is the jog's from here on: a motion that is going on ends, although only the gripper is jogged.
+            self._require_permission()
+            self._motion.follow(self._integrator.arm, AHEAD_S, HOLDER, *self._counts)
 
     def _end(self, refusal: str) -> None:
         """End the jog. The arm stops where it is, unless somebody else has stopped it already."""
@@ -210,7 +214,7 @@ class ArmJog:
                 before = integrator.arm
                 integrator.step(JogRates(was_source), state, 0)
                 if integrator.arm != before:
-                    self._motion.follow(integrator.arm, 0.0, HOLDER, self._counts[0])
+                    self._motion.follow(integrator.arm, 0.0, HOLDER, *self._counts)
         except Refused:
             pass  # the e-stop holds the arm, or it is limp
         finally:

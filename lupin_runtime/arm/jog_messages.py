@@ -6,6 +6,8 @@ from typing import Any
 
 from lupin_runtime.arm.jog import AXES, JogRates
 
+_MAX_SOURCE = 100  # letters of its name, which the arm's status and the log repeat
+
 
 def jog_rates(message: Any) -> JogRates:
     """Return the rates (rad/s) of a JointState; joints that are not named rest.
@@ -19,4 +21,5 @@ def jog_rates(message: Any) -> JogRates:
         )
     by_name = dict(zip(names, rates))
     pan, lift, elbow, wrist, gripper = (float(by_name.get(joint, 0.0)) for joint in AXES)
-    return JogRates(message.header.frame_id or "an unnamed source", (pan, lift, elbow, wrist), gripper)
+    source = "".join(letter for letter in message.header.frame_id[:_MAX_SOURCE] if letter.isprintable())
+    return JogRates(source or "an unnamed source", (pan, lift, elbow, wrist), gripper)

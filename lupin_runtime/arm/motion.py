@@ -215,14 +215,16 @@ class ArmMotion:
         with self._lock:
             return state.arm if self._commanded is None else self._assumed_pose()
 
-    def follow(self, arm: Arm, duration_s: float, holder: str, estop_count: int) -> Arm:
+    def follow(self, arm: Arm, duration_s: float, holder: str, estop_count: int, stop_count: int) -> Arm:
         """Move to the next pose of a stream, which is within the windows of the joints that it moves.
 
-        Raises Refused, also if the e-stop was engaged since the holder began, with `estop_count`.
+        Raises Refused, also if the e-stop was engaged or the arm stopped since the holder began, with these counts.
         """
         with self._lock:
             self._require_permission(holder)
             self.require_released(since=estop_count)
+            if self.stop_count != stop_count:
+                raise Refused("the arm was stopped")
             return self._send_path(to_pose(arm, duration_s))
 
     def play(self, points: Sequence[Point], speed: float, holder: str) -> tuple[Point, ...]:

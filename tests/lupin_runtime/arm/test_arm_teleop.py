@@ -139,7 +139,8 @@ def test_gripper_is_jogged_by_its_action(rig: Rig) -> None:
     rig.jog({"gripper_joint": 0.4})
     rig.host.until(lambda: rig.vendor.gripper_goals, what="the goal")
     assert 0.0 < rig.vendor.gripper_goals[0][0] <= 0.25
-    assert len(rig.vendor.trajectories) == 1
+    rig.host.until(lambda: len(rig.vendor.trajectories) == 2, what="the pose in which the arm is held")
+    assert rig.vendor.last[1:] == (0.2, 0.3, -0.4)
 
 
 @pytest.mark.parametrize(

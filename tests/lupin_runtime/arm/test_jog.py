@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from lupin_runtime.arm import ArmMotion, ArmState, window
 from lupin_runtime.arm.jog import (
+    AHEAD_S,
     FIRST_STEP_S,
     FORGET_S,
     HOLDER,
@@ -24,6 +25,7 @@ from lupin_runtime.arm.jog import (
     JogIntegrator,
     JogRates,
 )
+from lupin_runtime.arm.motion import Refused
 from lupin_runtime.graph import ARM_JOINTS
 
 MS, S = 10**6, 10**9
@@ -272,6 +274,30 @@ def test_jog_moves_no_joint_whose_control_is_at_rest() -> None:
     assert rig.last[1:] == (0.2, 0.3, -0.4)
 
 
+def test_gripper_jog_ends_a_motion_and_no_joint_jumps_after_it() -> None:
+    rig = Rig()
+    rig.motion.move((0.1, 1.2, -1.2, -0.4), 3.0)
+    rig.now_ns += S
+    rig.send()
+    rig.send(gripper=0.4)
+    assert rig.sent[-1][-1].t_s == AHEAD_S
+    held = rig.last
+    assert held[1] < 0.9 and held[2] > -0.9  # on the way
+    rig.at = held  # type: ignore[assignment]
+    rig.send(*PAN, gripper=0.4, after_ms=3000 // 20)
+    assert rig.last[1:] == pytest.approx(held[1:])
+
+
+def test_stop_of_the_arm_refuses_the_next_pose_of_a_stream() -> None:
+    rig = Rig()
+    counts = rig.motion.estop_count, rig.motion.stop_count
+    rig.motion.hold("jogging")
+    rig.motion.follow(rig.at, 0.2, "jogging", *counts)
+    rig.motion.stop(0.2)
+    with pytest.raises(Refused, match="the arm was stopped"):
+        rig.motion.follow(rig.at, 0.2, "jogging", *counts)
+
+
 def test_gripper_moves_alone_and_keeps_its_grip_afterwards() -> None:
     rig, sent = Rig(), 1
     rig.send()
@@ -280,7 +306,7 @@ def test_gripper_moves_alone_and_keeps_its_grip_afterwards() -> None:
     assert rig.gripper == pytest.approx([0.02, 0.04, 0.06])
     rig.send()
     assert rig.gripper == pytest.approx([0.02, 0.04, 0.06])
-    assert len(rig.sent) == sent
+    assert len(rig.sent) == sent + 1 and rig.sent[-1][-1].arm == rig.sent[0][-1].arm  # the arm holds
 
 
 def test_close_ends_the_jog() -> None:
