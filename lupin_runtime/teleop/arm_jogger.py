@@ -61,7 +61,9 @@ class ArmJogger:
     def step(self, pads: Mapping[str, PadState], driving: str | None, now_ns: int) -> tuple[ArmRates, ...]:
         """Return the rates to publish now, in order. `pads` are the connected ones by name, of which `driving` drives."""
         was_jogging = self.jogging
-        used = [name for name, state in pads.items() if command_rates(state.arm) != AT_REST] if driving is None else []
+        used = [name for name, state in pads.items() if command_rates(state.arm) != AT_REST]
+        if driving is not None:
+            return self._publish(AT_REST) if self._used.refuse(used) else ()
         if self._used.update(used):
             return self._publish(AT_REST)
         if self.jogging is None:

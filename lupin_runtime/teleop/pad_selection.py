@@ -30,6 +30,12 @@ class FirstHeld:
         self._refused.update(name for name in held if name != self.selected)
         return False
 
+    def refuse(self, held: Collection[str]) -> bool:
+        """Select none; what is held now must be released before it counts. Return whether one was selected."""
+        was_selected = self.selected is not None
+        self.selected, self._refused = None, set(held)
+        return was_selected
+
 
 class Pacer(Generic[Command]):
     """Decides when a command is published: at once if it begins or stops, every PERIOD_S while it lasts, and if it changes."""

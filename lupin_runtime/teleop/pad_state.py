@@ -141,7 +141,10 @@ class PadState:
         if len(events) > MAX_EVENTS:
             self.distrust()
         settled = now_ns - self._connected_ns >= SETTLE_S * 1e9
-        self._arm_trusted = self._arm_trusted or (settled and self._arm_deflections() == ArmDeflections())
+        if self.dead_man is not DeadMan.RELEASED:
+            self._arm_trusted = False  # what is held when it is released moves nothing
+        elif settled and self._arm_deflections() == ArmDeflections():
+            self._arm_trusted = True
 
     def check(self, now_ns: int) -> None:
         """Stop trusting the pad's buttons if the events are no longer read, or the pad is silent."""
@@ -214,6 +217,7 @@ class PadState:
         elif event.value not in (1, REPEATED):
             self.distrust()
         elif event.value == 1:
+            self._arm_trusted = False
             fresh = abs(now_ns - event.time_ns) <= STALE_S * 1e9
             settled = now_ns - self._connected_ns >= SETTLE_S * 1e9
             believed = self.dead_man is not DeadMan.UNKNOWN and fresh and settled

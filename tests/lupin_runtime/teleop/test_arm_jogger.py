@@ -108,6 +108,18 @@ def test_left_shoulder_silences_the_arm_until_all_is_released() -> None:
     state.handle(key(BTN_TL, 1, NOW_NS), NOW_NS)
     assert jogger.step({PAD: state}, PAD, NOW_NS) == (AT_REST,)
     assert jogger.step({PAD: state}, PAD, NOW_NS + MS) == ()
+    state.handle(key(BTN_TL, 0, NOW_NS), NOW_NS)
+    assert jogger.step({PAD: state}, None, NOW_NS + 2 * MS) == ()
+    state.handle(key(BTN_EAST, 0, NOW_NS) + key(BTN_EAST, 1, NOW_NS), NOW_NS)
+    state.handle(key(BTN_EAST, 0, NOW_NS), NOW_NS)
+    state.handle(key(BTN_EAST, 1, NOW_NS), NOW_NS)
+    assert jogger.step({PAD: state}, None, NOW_NS + 3 * MS) == (AT_REST, ArmRates(pan=ARM_RADPS))
+
+
+def test_tap_of_the_left_shoulder_in_one_read_silences_the_arm() -> None:
+    state = rested_state()
+    state.handle(key(BTN_EAST, 1, NOW_NS), NOW_NS)
+    assert rates_after(state, key(BTN_TL, 1, NOW_NS) + key(BTN_TL, 0, NOW_NS)) == AT_REST
 
 
 def test_left_shoulder_that_may_be_held_silences_the_arm() -> None:
@@ -115,13 +127,20 @@ def test_left_shoulder_that_may_be_held_silences_the_arm() -> None:
     state.handle(key(BTN_TL, 1, early_ns), early_ns)
     state.handle([], NOW_NS)
     assert rates_after(state, key(BTN_EAST, 1, NOW_NS)) == AT_REST
-    assert rates_after(state, key(BTN_TL, 0, NOW_NS)) == ArmRates(pan=ARM_RADPS)
+    assert rates_after(state, key(BTN_TL, 0, NOW_NS)) == AT_REST
+    assert rates_after(state, key(BTN_EAST, 0, NOW_NS)) == AT_REST
+    assert rates_after(state, key(BTN_EAST, 1, NOW_NS)) == ArmRates(pan=ARM_RADPS)
 
 
 def test_no_pad_jogs_while_another_one_drives() -> None:
     state, jogger = rested_state(), ArmJogger()
     state.handle(key(BTN_EAST, 1, NOW_NS), NOW_NS)
     assert jogger.step({PAD: state}, "event3", NOW_NS) == ()
+    assert jogger.step({PAD: state}, None, NOW_NS + MS) == ()  # what was held all along
+    state.handle(key(BTN_EAST, 0, NOW_NS), NOW_NS)
+    assert jogger.step({PAD: state}, None, NOW_NS + 2 * MS) == ()
+    state.handle(key(BTN_EAST, 1, NOW_NS), NOW_NS)
+    assert jogger.step({PAD: state}, None, NOW_NS + 3 * MS) == (AT_REST, ArmRates(pan=ARM_RADPS))
 
 
 def test_control_held_since_the_connection_does_not_count() -> None:
