@@ -185,6 +185,13 @@ _PHRASES = {
     "release_estop": ("(release|reset|clear|disengage|unlock) (e-stop|estop|emergency)",),
 }  # fmt: skip
 
+_USUAL_NAMES = (
+    "sink", "door", "kitchen", "corner", "entrance", "exit", "gate", "window", "office", "table", "bench", "shelf", "tap",
+    "tank", "charger", "dock", "start", "end", "middle", "row {number}", "bed {number}", "tag {number}", "left row",
+    "right row", "tomatoes", "peppers", "cucumbers", "herbs", "look", "look up", "look down", "rest", "reach", "pick", "place",
+    "pour", "water", "wave", "dance", "greeting", "test",
+)  # fmt: skip
+
 ENGLISH = Language(
     numbers=_NUMBERS,
     units={
@@ -235,6 +242,7 @@ ENGLISH = Language(
         "color": {name: name for name in COLORS},
     },
     phrases=_PHRASES,
+    usual_names=_USUAL_NAMES,
     # Not "okay": recognizers write it for noise.
     agree=(
         "yes [do it|go ahead|do that]", "yeah", "yep", "go ahead", "do it", "[i|we] confirm", "confirmed", "affirmative",

@@ -32,3 +32,4 @@ class Language:
     conjunctions: frozenset[str]
     homophones: Mapping[str, tuple[str, ...]]
     examples: tuple[str, ...]
+    usual_names: tuple[str, ...] = ()  # that operators give, with {number} for a small one: a recognizer may expect them

@@ -73,7 +73,10 @@ class Listener:
         if kind is Kind.SOUND and len(payload) == FRAME_BYTES:
             self._hear(payload)
         elif kind is Kind.BEGIN:
+            if self._turn:  # it does not count as a turn any more, but may have a word for stopping
+                self._queue("", b"".join(self._turn_sound))
             self._turn = payload.decode(errors="replace")
+            self._is_of_turn &= bool(self._turn)
             self._turn_sound.clear()
             self._turn_sound.extend(self._recent)
         elif kind is Kind.END and payload.decode(errors="replace") == self._turn:
@@ -110,8 +113,12 @@ class Listener:
         try:
             self._sentences.put_nowait((turn, sound))
         except queue.Full:
-            if turn:
-                self._emit({"heard": {"id": turn, "text": ""}})
+            with contextlib.suppress(queue.Empty):  # the newest sound counts most: it may have a word for stopping
+                dropped, _ = self._sentences.get_nowait()
+                if dropped:
+                    self._emit({"heard": {"id": dropped, "text": ""}})
+            with contextlib.suppress(queue.Full):
+                self._sentences.put_nowait((turn, sound))
 
     def _recognize(self) -> None:
         while True:

@@ -7,7 +7,7 @@ https://github.com/moonshine-ai/moonshine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from lupin_runtime.voice.endpointer import SAMPLE_RATE_HZ
-from lupin_runtime.voice.sentence_graph import ANY, SentenceGraph
+from lupin_runtime.voice.sentence_graph import SentenceGraph
 
 ENCODER, DECODER, VOCABULARY = "encoder_model.ort", "decoder_model_merged.ort", "tokenizer.bin"
 
@@ -30,7 +30,7 @@ _TOKENS_PER_S = 6.5  # as its makers have it: without a limit it may repeat one 
 _MIN_TOKENS, _MAX_SENTENCE_TOKENS = 6, 60
 _HEADS, _HEAD_SIZE = 8, 36
 _BEAMS = 12
-_OTHER_TOKENS = 20  # of those that an arc for every token may take, the most likely ones
+_SCORED = 4  # texts at once: each takes 128 kB for every token
 _MIN_SAMPLES = SAMPLE_RATE_HZ // 4
 
 Floats = NDArray[np.float32]
@@ -68,7 +68,7 @@ class Moonshine:
 
     def encode_text(self, text: str) -> list[int]:
         """Return the tokens of a text, which has a space where one is to be."""
-        parts = [letter.encode() for letter in text.replace(" ", _SPACE)]
+        parts = [letter.encode(errors="replace") for letter in text.replace(" ", _SPACE)]
         while pairs := [
             (token, place)
             for place, pair in enumerate(pairwise(parts))
@@ -126,7 +126,7 @@ class Moonshine:
                 (
                     (beam.score + float(logarithms[row, token]), row, token)
                     for row, beam in enumerate(beams)
-                    for token in _allowed(graph.allowed(beam.states), logarithms[row])
+                    for token in graph.allowed(beam.states)
                 ),
                 reverse=True,
             )[:_BEAMS]
@@ -142,6 +142,11 @@ class Moonshine:
 
     def score(self, encoded: Floats, texts: Sequence[str]) -> list[tuple[float, int]]:
         """Return for each text the logarithm of its probability as what a sound is, and of how many tokens it is."""
+        return [
+            score for first in range(0, len(texts), _SCORED) for score in self._score(encoded, texts[first : first + _SCORED])
+        ]
+
+    def _score(self, encoded: Floats, texts: Sequence[str]) -> Iterator[tuple[float, int]]:
         tokens = [self.encode_text(f" {text}") for text in texts]
         rows, length = len(tokens), 1 + max(map(len, tokens))
         given = np.full((rows, length), _END, np.int64)
@@ -149,9 +154,8 @@ class Moonshine:
         for row, each in enumerate(tokens):
             given[row, 1 : 1 + len(each)] = each
         logarithms = self._decode(np.repeat(encoded, rows, 0), given, {})[0]
-        return [
-            (float(logarithms[row, range(len(each) + 1), [*each, _END]].sum()), len(each)) for row, each in enumerate(tokens)
-        ]
+        for row, each in enumerate(tokens):
+            yield float(logarithms[row, range(len(each) + 1), [*each, _END]].sum()), len(each)
 
     def decode_tokens(self, tokens: Iterable[int]) -> str:
         """Return the text of tokens."""
@@ -201,13 +205,6 @@ class _Decoding:
     def keep(self, rows: list[int]) -> None:
         """Go on with these texts, of which one may occur more than once."""
         self._of_texts = {name: values[rows] for name, values in self._of_texts.items()}
-
-
-def _allowed(tokens: frozenset[int], logarithms: NDArray[np.float32]) -> Iterable[int]:
-    if ANY not in tokens:
-        return tokens
-    likeliest = np.argpartition(-logarithms, _OTHER_TOKENS)[:_OTHER_TOKENS].tolist()
-    return (tokens | {token for token in likeliest if token > _END}) - {ANY}
 
 
 def read_vocabulary(contents: bytes) -> list[bytes]:

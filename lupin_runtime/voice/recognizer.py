@@ -30,12 +30,12 @@ Meaning = Call | Confirmation | Question
 WINDOW_S = 1.5  # in 2.5 s there were more false stops, and no more true ones
 # The sound is also heard as if it was spoken slower: what is right is likely each time, and what is wrong seldom twice.
 _SLOWNESSES = (1.0, 1.12, 1.25)
+_MAX_LETTERS = 200  # of a command
 _SENTENCES = 8  # that are found in each,
 _SEARCHED = 12.0  # by how much less likely than what was heard there, as a logarithm
 # Logarithms of ratios of probabilities, chosen on other sentences than those of `bench_voice`.
 MAX_DOUBT = 7.0  # by which a command may be less likely than what was heard
-# The same, if it leaves out a word that denies, or words around it, or has words that nobody can list.
-CONTRARY_DOUBT = 0.5
+PART_DOUBT = 0.5  # the same, if it leaves out a word that denies, or words around it
 MIN_MARGIN = 0.7  # by which the command must be likelier than another one,
 VALUE_MARGIN = 2.5  # and than the same one with another number or name, which sounds alike
 _MAX_HALT_DOUBT = 10.0  # of a single word; "halt" had 9.7 at most, "heart" 3.9, and most words 12 to 20
@@ -80,12 +80,12 @@ class CommandRecognizer:
             raise SpeechUnavailable(f"{folder} has no model; type: pip install --force-reinstall 'lupin[voice]'")
         self._model: Moonshine = Moonshine(folder, threads=threads)
         self._names = names or Names()
-        self._graph: SentenceGraph | None = None
+        self._graph: tuple[Names, SentenceGraph] | None = None
 
     def expect(self, names: Names) -> None:
         """Let commands have these names from now on."""
         if names != self._names:
-            self._names, self._graph = names, None
+            self._names = names
 
     def transcribe(self, sound: bytes) -> str:
         """Return what was said; empty if nothing was."""
@@ -96,9 +96,15 @@ class CommandRecognizer:
         encoded = [self._model.encode_sound(sound, slowness) for slowness in _SLOWNESSES]
         written = [self._model.write(each, _seconds(sound) * slowness) for each, slowness in zip(encoded, _SLOWNESSES)]
         heard = [each.text for each in written]
-        if has_stop_word(heard[0]):
+        stops = [text for text in heard if has_stop_word(text)]
+        if stops and (heard[0] in stops or len(stops) > 1):
+            return stops[0]
+        if stops or len(heard[0]) > _MAX_LETTERS:
             return heard[0]
-        graph = self._graph = self._graph or build_graph(ENGLISH, self._names, self._model.encode_text)
+        names = self._names  # which may change meanwhile
+        if self._graph is None or self._graph[0] != names:
+            self._graph = names, build_graph(ENGLISH, names, self._model.encode_text)
+        graph = self._graph[1]
         found = [
             sentence.text
             for each, first in zip(encoded, written)
@@ -108,7 +114,7 @@ class CommandRecognizer:
         if not sentences:
             return heard[0]
         gains = [_gains(self._model.score(each, [*sentences, *heard]), len(sentences)) for each in encoded]
-        return choose(heard, dict(zip(sentences, map(statistics.fmean, zip(*gains)))), self._names)
+        return choose(heard, dict(zip(sentences, map(statistics.fmean, zip(*gains)))), names)
 
     def may_be_halt(self, word: bytes) -> bool:
         """Return whether a single word may be "halt", which this model writes as "old", "all" or "piled"."""
@@ -136,8 +142,8 @@ def choose(heard: Sequence[str], gains: Mapping[str, float], names: Names) -> st
     """
     meanings = {sentence: parse(sentence, Context(names)) for sentence in gains}
     best = max(gains, key=gains.__getitem__)
-    is_contrary = _has_free_words(meanings[best]) or any(_leaves_out(best, text) for text in heard)
-    max_doubt = CONTRARY_DOUBT if is_contrary else MAX_DOUBT
+    is_part = any(_leaves_out(best, text) for text in heard)
+    max_doubt = PART_DOUBT if is_part else MAX_DOUBT
     is_clear = gains[best] >= -max_doubt and all(
         gains[best] - gains[sentence] >= _margin(meanings[best], meaning) for sentence, meaning in meanings.items()
     )
@@ -151,14 +157,6 @@ def _margin(one: Meaning, other: Meaning) -> float:
         return 0.0
     has_other_value = isinstance(one, Call) and isinstance(other, Call) and one.tool == other.tool
     return VALUE_MARGIN if has_other_value else MIN_MARGIN
-
-
-def _has_free_words(meaning: Meaning) -> bool:
-    """Return whether a call has words that no list has."""
-    return isinstance(meaning, Call) and (
-        meaning.tool in ("speak", "save_named_location", "arm_save_pose")
-        or (meaning.tool == "arm_record" and "name" in meaning.arguments)
-    )
 
 
 def _leaves_out(sentence: str, text: str) -> bool:

@@ -2,7 +2,7 @@
 
 A recognizer that searches only in this graph writes "go to tag five" for what it would otherwise write "blotter tark fave". The
 graph allows more than the grammar understands, such as a number out of range, so what comes of it is parsed as any sentence.
-Words that nobody lists, as in a new name, are an arc that takes every token.
+A text to speak is not in the graph, and of new names only the usual ones.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from lupin_runtime.voice.phrases import Choice, Sequence, Slot, Word, compile_pa
 from lupin_runtime.voice.slots import QUANTITIES, Names
 from lupin_runtime.voice.spoken_numbers import NumberWords
 
-ANY = -1  # an arc that every token takes
 _EMPTY = -2
 _DIGITS = "0123456789"
-_MAX_DIGITS, _MAX_DECIMALS, _MAX_NEW_NAME_TOKENS = 4, 2, 16
+_SMALL = 20
+_MAX_DIGITS, _MAX_DECIMALS = 4, 2
 
 Encode = Callable[[str], list[int]]
 """Returns the tokens of a text that stands as it is: with its space, if one comes before it."""
@@ -36,7 +36,7 @@ class SentenceGraph:
         self.start = self._closure(0)
 
     def allowed(self, states: frozenset[int]) -> frozenset[int]:
-        """Return the tokens that may come next; ANY among them stands for all."""
+        """Return the tokens that may come next."""
         if states not in self._allowed:
             self._allowed[states] = frozenset().union(*(self._arcs.get(state, ()) for state in states)) - {_EMPTY}
         return self._allowed[states]
@@ -46,7 +46,7 @@ class SentenceGraph:
         key = (states, token)
         if key not in self._followed:
             arcs = [self._arcs.get(state, {}) for state in states]
-            after = set[int]().union(*(each.get(taken, ()) for each in arcs for taken in (token, ANY)))
+            after = set[int]().union(*(each.get(token, ()) for each in arcs))
             self._followed[key] = frozenset().union(*map(self._closure, after))
         return self._followed[key]
 
@@ -151,21 +151,13 @@ class _Builder:
             self.number(start, end)
         elif kind in ("location", "pose", "sequence", "preset"):
             self.name(start, kind, end)
-        elif kind.startswith("new_") or kind == "text":
-            self.any(start, end, _MAX_NEW_NAME_TOKENS if kind != "text" else 0)
+        elif kind == "text":
+            return  # nobody lists what may be said
+        elif kind.startswith("new_"):
+            self.name(start, kind.removeprefix("new_"), end)
+            self.usual_names(start, end)
         else:
             self.one_of(start, language.choices[kind], end)
-
-    def any(self, start: int, end: int, max_tokens: int) -> None:
-        """Add what nobody lists: at most so many tokens, or without a limit."""
-        if not max_tokens:
-            self.arc(start, ANY, start)
-            self.arc(start, ANY, end)
-        for _ in range(max_tokens):
-            after = self.state()
-            self.arc(start, ANY, after)
-            self.arc(after, _EMPTY, end)
-            start = after
 
     def name(self, start: int, kind: str, end: int) -> None:
         spoken = {value: word for word, value in self._language.numbers.small.items()}
@@ -174,10 +166,28 @@ class _Builder:
             for word in name.replace("_", " ").replace("-", " ").lower().split():
                 after = self.state()
                 self.word(states, word, after)
-                if word.isdigit() and int(word) in spoken:
+                if word.isascii() and word.isdigit() and len(word) < _MAX_DIGITS and int(word) in spoken:
                     self.word(states, spoken[int(word)], after)
                 states = after
             self.arc(states, _EMPTY, end)
+
+    def usual_names(self, start: int, end: int) -> None:
+        """Add the names that operators give."""
+        for name in self._language.usual_names:
+            *words, last = name.split()
+            before = self.state()
+            self.words(start, words, before)
+            if last == "{number}":
+                self.small_number(before, end)
+            else:
+                self.word(before, last, end)
+
+    def small_number(self, start: int, end: int) -> None:
+        """Add 0 to 19, as words and as digits."""
+        for word, value in self._language.numbers.small.items():
+            if value < _SMALL:
+                self.word(start, word, end)
+                self.text(start, f" {value}", end)
 
     def number(self, start: int, end: int) -> None:
         """Add the numbers, as words and as digits, and the comma that may follow them."""
@@ -223,7 +233,7 @@ class _Builder:
         self.one_of(tens, (word for word, value in words.small.items() if 1 <= value <= 9), end)
 
     def digits(self, start: int, end: int, space: str = " ") -> None:
-        """Add 0 to 9999 with up to two decimals, and "100 and 80"."""
+        """Add 0 to 9999 with up to two decimals."""
         first = self.state()
         for digit in _DIGITS:
             self.text(start, f"{space}{digit}", first)

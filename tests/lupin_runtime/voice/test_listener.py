@@ -92,6 +92,15 @@ def test_stop_that_windows_miss_is_found_at_the_end() -> None:
     assert rig.event() == {"stop": "halt"}
 
 
+@pytest.mark.parametrize("identifier", ["", "2"])
+def test_stop_in_a_turn_that_is_dropped_is_found(identifier: str) -> None:
+    rig = Rig()
+    rig.mark(Kind.BEGIN, "1")
+    rig.hear(sound_of("hold"), 8)
+    rig.mark(Kind.BEGIN, identifier)
+    assert rig.event() == {"stop": "halt"}
+
+
 def test_speech_outside_turns_is_no_sentence() -> None:
     rig = Rig()
     rig.hear(sound_of("what is the battery"), 8)

@@ -15,11 +15,12 @@ import pytest
 
 from lupin_runtime.voice.endpointer import SAMPLE_RATE_HZ
 from lupin_runtime.voice.grammar import has_stop_word, parse
+from lupin_runtime.voice.moonshine import Heard, Moonshine
 from lupin_runtime.voice.recognizer import (
-    CONTRARY_DOUBT,
     MAX_DOUBT,
     MIN_MARGIN,
     MISSING_PACKAGES,
+    PART_DOUBT,
     VALUE_MARGIN,
     CommandRecognizer,
     choose,
@@ -99,13 +100,11 @@ def test_names_count_from_the_next_sentence_on() -> None:
         ("Gripper for tea", {"gripper 40%": -1.0, "gripper 14%": -1.0 - VALUE_MARGIN}, "gripper 40%"),
         ("Open the ripper", {"open the gripper": -1.0, "go home": -1.0 - MIN_MARGIN + 0.1}, ""),
         ("Open the ripper", {"open the gripper": -1.0, "go home": -1.0 - MIN_MARGIN}, "open the gripper"),
-        ("Don't to the sink", {"go to the sink": -CONTRARY_DOUBT}, "go to the sink"),
-        ("Don't go to the sink", {"go to the sink": -CONTRARY_DOUBT - 0.1}, ""),
+        ("Don't to the sink", {"go to the sink": -PART_DOUBT}, "go to the sink"),
+        ("Don't go to the sink", {"go to the sink": -PART_DOUBT - 0.1}, ""),
         ("Don't do it", {"don't do it": -2.0}, "don't do it"),
-        ("Seven here as kitchen", {"save here as kitchen": -CONTRARY_DOUBT}, "save here as kitchen"),
-        ("Save hair as kitten", {"save here as kitten": -CONTRARY_DOUBT - 0.1}, ""),
-        ("Say hell", {"say hello": -CONTRARY_DOUBT - 0.1}, ""),
-        ("Record a danse", {"start recording called dance": -CONTRARY_DOUBT - 0.1}, ""),
+        ("Same here, that's zinc", {"save here as sink": -MAX_DOUBT}, "save here as sink"),
+        ("Remember this place as wrote two", {"remember this place as row two": -MAX_DOUBT}, "remember this place as row two"),
         # They would confirm what was read back.
         ("Go a head", {"go ahead": 5.0}, ""),
         ("Come it", {"commit": 5.0}, ""),
@@ -118,9 +117,27 @@ def test_sentence_is_chosen_if_it_is_likely_and_clear(written: str, gains: dict[
 
 @pytest.mark.parametrize("written", ["Never go to the sink", "Go to the sink or the door", "We would go to the sink"])
 def test_word_that_was_heard_once_must_not_be_left_out(written: str) -> None:
-    doubtful, clear = {"go to the sink": -CONTRARY_DOUBT - 0.1}, {"go to the sink": -CONTRARY_DOUBT}
+    doubtful, clear = {"go to the sink": -PART_DOUBT - 0.1}, {"go to the sink": -PART_DOUBT}
     assert choose(["Now go to the sing", written, "Bla"], doubtful, NAMES) == "Now go to the sing"
     assert choose(["Now go to the sing", written, "Bla"], clear, NAMES) == "go to the sink"
+
+
+@pytest.mark.parametrize(
+    ("texts", "expected"),
+    [
+        (["Go stop.", "Go top.", "Go top."], "Go stop."),
+        (["Go top.", "Go stop.", "Go halt."], "Go stop."),
+        (["Go top.", "Go stop.", "Go top."], "Go top."),  # heard once among slower sounds: asked again, and no command
+        (["la " * 100, "la", "la"], "la " * 100),
+    ],
+)
+def test_stop_counts_in_slower_sounds(
+    recognizer: CommandRecognizer, monkeypatch: pytest.MonkeyPatch, texts: list[str], expected: str
+) -> None:
+    written = iter(texts)
+    monkeypatch.setattr(Moonshine, "write", lambda *_: Heard(next(written), 0.0))
+    monkeypatch.setattr(Moonshine, "search", lambda *_: pytest.fail("no search is needed"))
+    assert recognizer.transcribe(bytes(SAMPLE_RATE_HZ)) == expected
 
 
 # -- what is missing ---------------------------------------------------------------------------------------------------
