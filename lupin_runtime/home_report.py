@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
-from dataclasses import asdict, dataclass
+import time
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from lupin_runtime.atomic_file import read_json_object, write_atomically
@@ -16,19 +18,22 @@ NAME = "report.json"
 ACTIVATING = "activating"  # waits for the vendor's controllers and for the arm's service, and activates what is not active
 HOMING = "homing"
 HOME = "home"  # the arm was sent home
+RETRYING = "retrying"  # it failed at boot, and systemd starts it again
 FAILED = "failed"
 ESTOPPED = "e-stopped"  # the e-stop was pressed, so the arm was not moved
 OFF = "off"  # LUPIN_AUTO_HOME disables it
 RUNNING = (ACTIVATING, HOMING)
+RETRY_LIMIT_S = 60.0  # after which it is not started again: the unit has RestartSec=15, and checks its release first
 
 
 @dataclass(frozen=True)
 class HomeReport:
-    """One of the states above, its reason, and the process that wrote it."""
+    """One of the states above, its reason, the process that wrote it, and how long ago it did."""
 
     state: str
     reason: str = ""
     pid: int = 0
+    age_s: float = field(default=0.0, compare=False)
 
 
 def write_report(state: str, reason: str = "") -> None:
@@ -36,7 +41,10 @@ def write_report(state: str, reason: str = "") -> None:
     folder = Path(os.environ.get("RUNTIME_DIRECTORY") or FOLDER)
     if folder.is_dir():
         with contextlib.suppress(OSError):
-            write_atomically(folder / NAME, json.dumps(asdict(HomeReport(state, reason, os.getpid()))) + "\n")
+            write_atomically(
+                folder / NAME,
+                json.dumps({"state": state, "reason": reason, "pid": os.getpid(), "at_s": _since_boot_s()}) + "\n",
+            )
 
 
 def read_report(folder: Path = FOLDER) -> HomeReport | None:
@@ -47,4 +55,12 @@ def read_report(folder: Path = FOLDER) -> HomeReport | None:
         return None
     if state in RUNNING and not Path(f"/proc/{pid}").exists():
         return HomeReport(FAILED, "auto-home was ended before the arm was home", pid)
-    return HomeReport(state, reason, pid)
+    at_s = plain.get("at_s")
+    age_s = _since_boot_s() - at_s if isinstance(at_s, (int, float)) else math.inf
+    if state == RETRYING and age_s > RETRY_LIMIT_S:
+        state = FAILED
+    return HomeReport(state, reason, pid, age_s)
+
+
+def _since_boot_s() -> float:
+    return time.clock_gettime(time.CLOCK_BOOTTIME)

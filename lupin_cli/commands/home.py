@@ -86,4 +86,7 @@ def _home_local_run(run: str | None, arguments: tuple[str, ...], timeout_s: floa
     finally:
         if process.poll() is None:
             process.terminate()
-            process.wait(5.0)
+            try:
+                process.wait(5.0)
+            except subprocess.TimeoutExpired:
+                process.kill()

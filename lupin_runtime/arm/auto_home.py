@@ -119,13 +119,13 @@ class AutoHome:
         self._wait(self._preset.service_is_ready, self._limits.preset_s, f"the service {graph.ARM_PRESET.name}")
         if self._unattended:
             self._wait(lambda: self._status_received, self._limits.preset_s, graph.ESTOP_STATUS.name)
+        if self._limits.idle_s is not None:
+            self._wait_until_idle(self._limits.idle_s)
         home_report.write_report(home_report.HOMING)
         self._spin_for(self._limits.settle_s)
         while self._engaged_s is not None:
             self._wait(lambda: self._engaged_s is None, self._limits.release_s, "the e-stop, which has not heard every source")
             self._spin_for(self._limits.settle_s)  # the arm's service may notice the release a little later
-        if self._limits.idle_s is not None:
-            self._wait_until_idle(self._limits.idle_s)
         self._go_home()
 
     def _wait_until_idle(self, limit_s: float) -> None:
@@ -182,6 +182,8 @@ class AutoHome:
                 reason = "no response" if answer is None else answer.message
                 raise NotHome(f"{graph.ARM_PRESET.name} did not send the arm home: {reason}")
             self._spin_for(RETRY_S)
+            if self._limits.idle_s is not None:  # somebody has begun to use the arm
+                self._wait_until_idle(self._limits.idle_s)
 
     def _activate(self, names: list[str]) -> None:
         self._call(
@@ -318,7 +320,8 @@ def main(arguments: list[str]) -> int:
         home.run()
     except NotHome as reason:
         is_estop = isinstance(reason, Estopped)
-        home_report.write_report(home_report.ESTOPPED if is_estop else home_report.FAILED, str(reason))
+        failed = home_report.RETRYING if options.unattended else home_report.FAILED
+        home_report.write_report(home_report.ESTOPPED if is_estop else failed, str(reason))
         print(reason, file=sys.stderr)
         return ESTOPPED if is_estop else FAILURE
     except ExternalShutdownException:

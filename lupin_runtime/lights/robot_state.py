@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lupin_runtime.home_report import ACTIVATING, ESTOPPED, FAILED, HOME, HOMING, HomeReport
+from lupin_runtime.home_report import ACTIVATING, ESTOPPED, FAILED, HOME, HOMING, RETRYING, RUNNING, HomeReport
 
 JOINTS_SILENT_S = 3.0  # the vendor publishes joint states at 50 Hz or more
 VENDOR_START_S = 120.0  # a vendor's stack without joint states after this time does not come up by itself
@@ -53,10 +53,13 @@ def judge(facts: Facts) -> Judgement:
         is_late = facts.up_s > VENDOR_START_S if joints_age_s is None else joints_age_s > VENDOR_RETURN_S
         seen = "has not published the arm's joint states" if joints_age_s is None else "no longer publishes joint states"
         return Judgement(RobotState.HELP if is_late else RobotState.WAITING, f"the vendor's stack {seen}")
+    is_earlier = home is not None and home.state not in RUNNING and home.age_s > facts.up_s  # of an earlier start
+    if (home is None or is_earlier) and facts.up_s < AUTO_HOME_START_S:
+        return Judgement(RobotState.WAITING, "auto-home may start yet")
     if home is None:
-        if facts.up_s < AUTO_HOME_START_S:
-            return Judgement(RobotState.WAITING, "auto-home may start yet")
         return Judgement(RobotState.READY)
+    if home.state == RETRYING:
+        return Judgement(RobotState.WAITING, f"auto-home tries again, and then moves the arm: {home.reason}")
     if home.state == ACTIVATING:
         return Judgement(RobotState.WAITING, "auto-home activates the vendor's controllers")
     if home.state == HOMING or (home.state == HOME and facts.moves_home):
