@@ -16,6 +16,7 @@ from lupin_runtime.geometry import Pose2
 from lupin_runtime.record.reader import NotARecording, Recording
 from lupin_runtime.record.runs import RecordedRun, recorded_run
 from lupin_runtime.report.comparison import Comparison, compare, comparison_content
+from lupin_runtime.report.link import Link
 from lupin_runtime.report.log_builder import RATES_HZ, LogBuilder
 from lupin_runtime.report.page import render_comparison, render_page
 from lupin_runtime.report.report_json import ReportInput, report_content, to_plain
@@ -93,6 +94,8 @@ def build_report(
         damage=[*files.damage(), *(f"{recording.path.name}: {text}" for recording in recordings for text in recording.damage)],
         metadata=recordings[0].metadata,
     )
+    if report.fact("target") == "sim":
+        log.link = Link()  # there is none: what arrived late or not at all, this computer had no time for
     progress("comparing with the truth" if callable(score) else "writing the report", None)
     # The score function reads the found tags from this file, which is then written again with the score.
     write_atomically(folder / "report.json", json.dumps(to_plain(report_content(report)), indent=1))
@@ -120,6 +123,7 @@ def read_log(recordings: Sequence[Recording], progress: Progress = lambda *_: No
     """Read the recordings of a run, oldest first. A message that cannot be used is left out, and counted in `damage`."""
     builder = LogBuilder()
     for recording in recordings:
+        builder.begin_recording()
         unusable: Counter[str] = Counter()
         for number, item in enumerate(recording.messages(builder.topics, RATES_HZ)):
             try:

@@ -62,6 +62,10 @@ class LinkBuilder:
         self._arrive(t_s)
         self._scans.append((t_s, stamp_s))
 
+    def interrupt(self) -> None:
+        """Note that a time follows in which nobody listened, such as that between two recordings."""
+        self._last_s = None
+
     def build(self, end_s: float) -> Link:
         """Return what the link did until the end of the recording."""
         if self._last_s is not None:

@@ -96,6 +96,10 @@ class LogBuilder:
         if handler is not None:
             handler(t_s, message)
 
+    def begin_recording(self) -> None:
+        """Note that what is added from now on is of another recording."""
+        self._link.interrupt()
+
     def build(self) -> RunLog:
         """Return the completed log."""
         self.log.trajectory = self._path.build()

@@ -32,6 +32,7 @@ STOP_GRACE_S = 4.0
 RESTARTS_ALLOWED, RESTARTS_WITHIN_S = 3, 60.0
 USAGE_PERIOD_S = 2.0
 LOG_MAX_BYTES = 20_000_000
+_MAX_TOLD_DEATHS = 100  # the last ones, in the state that is written: a process that dies every minute must not fill it
 
 
 class ReadinessMonitor(Protocol):
@@ -370,7 +371,7 @@ class Supervisor:
                 }
                 for stage in self.stages
             ],
-            "deaths": [death.__dict__ for death in self.deaths],
+            "deaths": [death.__dict__ for death in self.deaths[-_MAX_TOLD_DEATHS:]],
             "memory_peak_mb": round(self.memory_peak_mb, 1),
         }
 

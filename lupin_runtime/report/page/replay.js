@@ -83,7 +83,7 @@ const show = (t) => {
       return item;
     }));
   }
-  const p = lastIndexAt(data.pictures, t), picture = p >= 0 && t - data.pictures[p][0] < 15 ? data.pictures[p][1] : null;
+  const p = lastIndexAt(data.pictures, t), picture = p >= 0 && t - data.pictures[p][0] < 5 ? data.pictures[p][1] : null;
   if (picture !== shownPicture) {
     shownPicture = picture;
     $("picture").hidden = !picture;

@@ -90,3 +90,12 @@ def test_late_scans_are_compared_with_the_fastest_of_the_time() -> None:
 
 def test_recording_without_a_robot_tells_nothing() -> None:
     assert LinkBuilder().build(100.0) == Link()
+
+
+def test_time_between_two_recordings_is_no_outage() -> None:
+    builder = LinkBuilder()
+    for start_s in (0.0, 8.0):
+        builder.interrupt()
+        for number in range(100):
+            builder.pose(start_s + number / 50, start_s + number / 50, 0.0, 0.0)
+    assert builder.build(10.0).outages == ()
