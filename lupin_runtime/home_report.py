@@ -28,12 +28,12 @@ RETRY_LIMIT_S = 60.0  # after which it is not started again: the unit has Restar
 
 @dataclass(frozen=True)
 class HomeReport:
-    """One of the states above, its reason, the process that wrote it, and how long ago it did."""
+    """One of the states above, its reason, the process that wrote it, and when it did, in seconds since the boot."""
 
     state: str
     reason: str = ""
     pid: int = 0
-    age_s: float = field(default=0.0, compare=False)
+    at_s: float = field(default=math.inf, compare=False)
 
 
 def write_report(state: str, reason: str = "") -> None:
@@ -43,7 +43,7 @@ def write_report(state: str, reason: str = "") -> None:
         with contextlib.suppress(OSError):
             write_atomically(
                 folder / NAME,
-                json.dumps({"state": state, "reason": reason, "pid": os.getpid(), "at_s": _since_boot_s()}) + "\n",
+                json.dumps({"state": state, "reason": reason, "pid": os.getpid(), "at_s": since_boot_s()}) + "\n",
             )
 
 
@@ -56,11 +56,12 @@ def read_report(folder: Path = FOLDER) -> HomeReport | None:
     if state in RUNNING and not Path(f"/proc/{pid}").exists():
         return HomeReport(FAILED, "auto-home was ended before the arm was home", pid)
     at_s = plain.get("at_s")
-    age_s = _since_boot_s() - at_s if isinstance(at_s, (int, float)) else math.inf
-    if state == RETRYING and age_s > RETRY_LIMIT_S:
+    at_s = float(at_s) if isinstance(at_s, (int, float)) else -math.inf
+    if state == RETRYING and since_boot_s() - at_s > RETRY_LIMIT_S:
         state = FAILED
-    return HomeReport(state, reason, pid, age_s)
+    return HomeReport(state, reason, pid, at_s)
 
 
-def _since_boot_s() -> float:
+def since_boot_s() -> float:
+    """Return the time since the boot, which another process measures alike."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)

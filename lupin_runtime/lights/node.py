@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -63,7 +62,7 @@ class LightStripBridge(LupinNode):
         self._joints_ns: int | None = None
         self._homing_ns: int | None = None  # when auto-home was last seen sending the arm home, until it rests there
         self._judgement = Judgement(RobotState.READY)
-        self._started_ns = self.elapsed_clock_ns()
+        self._started_ns, self._started_s = self.elapsed_clock_ns(), home_report.since_boot_s()
         self._written = ""  # the state in the file, without its time
         self._driven_ns: int | None = None
         self._requested: Rgb | None = None  # the color last requested; None: not known to be shown
@@ -150,13 +149,15 @@ class LightStripBridge(LupinNode):
         view = self._view()
         joints_age_s = None if self._joints_ns is None else (now_ns - self._joints_ns) / 1e9
         up_s = (now_ns - self._started_ns) / 1e9
-        self._judgement = judge(Facts(up_s, joints_age_s, home, self._homing_ns is not None, view.mission_lost))
+        self._judgement = judge(
+            Facts(up_s, joints_age_s, home, self._homing_ns is not None, view.mission_lost, self._started_s)
+        )
         rule, _ = choose(replace(view, robot=self._judgement.state))
         folder = os.environ.get("RUNTIME_DIRECTORY", "")
         text = partial(state_text, self._judgement, rule, joints_age_s is not None and joints_age_s <= JOINTS_SILENT_S)
         if folder and text(0.0) != self._written:
             with contextlib.suppress(OSError):
-                write_atomically(Path(folder) / NAME, text(round(time.clock_gettime(time.CLOCK_BOOTTIME), 1)))
+                write_atomically(Path(folder) / NAME, text(round(home_report.since_boot_s(), 1)))
                 self._written = text(0.0)
 
     def _render(self) -> None:

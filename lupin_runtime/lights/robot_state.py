@@ -42,6 +42,7 @@ class Facts:
     home: HomeReport | None = None
     moves_home: bool = False  # auto-home has just sent the arm home, and it is still moving
     mission_lost: bool = False
+    started_s: float = 0.0  # when this process started, in seconds since the boot
 
 
 def judge(facts: Facts) -> Judgement:
@@ -53,7 +54,7 @@ def judge(facts: Facts) -> Judgement:
         is_late = facts.up_s > VENDOR_START_S if joints_age_s is None else joints_age_s > VENDOR_RETURN_S
         seen = "has not published the arm's joint states" if joints_age_s is None else "no longer publishes joint states"
         return Judgement(RobotState.HELP if is_late else RobotState.WAITING, f"the vendor's stack {seen}")
-    is_earlier = home is not None and home.state not in RUNNING and home.age_s > facts.up_s  # of an earlier start
+    is_earlier = home is not None and home.state not in RUNNING and home.at_s < facts.started_s  # of an earlier start
     if (home is None or is_earlier) and facts.up_s < AUTO_HOME_START_S:
         return Judgement(RobotState.WAITING, "auto-home may start yet")
     if home is None:
