@@ -52,7 +52,7 @@ test-host: setup
 test-mission: setup
 	$(AGAIN) pytest mission $(PYTEST_OPTIONS) -m "mission and $(LENGTH)" tests
 
-# The page in Chromium against whole runs, about fifteen minutes.
+# The page in Chromium against whole runs, about twenty minutes.
 test-live: setup
 	$(PY) tools/build_page.py live
 
