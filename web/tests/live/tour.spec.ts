@@ -71,8 +71,8 @@ async function untilBlue(): Promise<void> {
 /** The answer has the charge: in percent, or as the share that the console says. */
 async function untilCharged(page: Page): Promise<void> {
   const answer = transcript(page).locator("li").filter({ hasText: /percent/ }).last();
-  await expect(answer).toContainText(/\d+ percent|percentage [\d.]+/);
-  const [, percent, share] = /(\d+) percent|percentage ([\d.]+)/.exec(await answer.innerText()) ?? [];
+  await expect(answer).toContainText(/\d+ percent\b|percentage [\d.]+/);
+  const [, percent, share] = /(\d+) percent\b|percentage ([\d.]+)/.exec(await answer.innerText()) ?? [];
   expect(Math.abs((percent === undefined ? Number(share) : Number(percent) / 100) - truth().battery)).toBeLessThan(0.02);
 }
 
