@@ -11,7 +11,8 @@ const HEADER_BYTES = 44;
 
 /** The rate of espeak-ng, and its voice that recognizers understand best. */
 const ESPEAK_RATE_HZ = 22_050;
-const VOICE = ["-v", "en-gb", "-s", "145"];
+const VOICE = "en-gb";
+const WORDS_PER_MINUTE = 145;
 /** The mean loudness of speech, of the full scale. */
 const SPEECH_LEVEL = 0.1;
 
@@ -71,12 +72,17 @@ export function writeSentences(file: string, leadS: number, sentences: readonly 
   return spoken;
 }
 
+/** A sentence as a WAV file. */
+export function speakWav(text: string, wordsPerMinute = WORDS_PER_MINUTE): Buffer {
+  return wavOf(speak(text, wordsPerMinute), ESPEAK_RATE_HZ);
+}
+
 /** A sentence without the silence around it, at the loudness of speech. */
-function speak(text: string): Float32Array {
+function speak(text: string, wordsPerMinute = WORDS_PER_MINUTE): Float32Array {
   const folder = mkdtempSync(path.join(tmpdir(), "lupin-speech-"));
   try {
     const file = path.join(folder, "sentence.wav");
-    const done = spawnSync("espeak-ng", [...VOICE, "-w", file, text], { timeout: 20_000 });
+    const done = spawnSync("espeak-ng", ["-v", VOICE, "-s", `${wordsPerMinute}`, "-w", file, text], { timeout: 20_000 });
     if (done.status !== 0) throw new Error(`espeak-ng failed: ${done.stderr.toString()}`);
     const wav = readFileSync(file);
     if (wav.readUInt32LE(24) !== ESPEAK_RATE_HZ) throw new Error(`espeak-ng speaks at ${wav.readUInt32LE(24)} Hz`);
@@ -92,6 +98,10 @@ function speak(text: string): Float32Array {
 
 /** Write samples from -1 to 1 as mono PCM-16. */
 function writeWav(file: string, samples: Float32Array, rateHz: number): void {
+  writeFileSync(file, wavOf(samples, rateHz));
+}
+
+function wavOf(samples: Float32Array, rateHz: number): Buffer {
   const data = Buffer.alloc(2 * samples.length);
   for (const [index, sample] of samples.entries()) data.writeInt16LE(Math.round(Math.max(-1, Math.min(1, sample)) * 32_000), 2 * index);
   const header = Buffer.alloc(HEADER_BYTES);
@@ -107,5 +117,5 @@ function writeWav(file: string, samples: Float32Array, rateHz: number): void {
   header.writeUInt16LE(16, 34);
   header.write("data", 36);
   header.writeUInt32LE(data.length, 40);
-  writeFileSync(file, Buffer.concat([header, data]));
+  return Buffer.concat([header, data]);
 }
