@@ -74,7 +74,9 @@ def _stopped(view: View) -> Light | None:
 
 
 def _paused(view: View) -> Light | None:
-    return Light(AMBER) if view.current is not None and view.current.paused else None
+    # A stop pauses a mission at rest, too: it has nothing to resume, so its own color comes back once the stop is released.
+    mission = view.current
+    return Light(AMBER) if mission is not None and mission.paused and mission.lifecycle not in RESTING_COLORS else None
 
 
 def _mission_lost(view: View) -> Light | None:

@@ -120,6 +120,8 @@ def test_every_mission_state_has_its_color(lifecycle: str) -> None:
         (View(Mission("MONITORING", "CONFIRMING")), "PURPLE", False),
         (View(Mission("INSPECTING", "PUBLISHING")), "WHITE", False),
         (View(Mission("EXPLORING", paused=True)), "AMBER", False),
+        (View(Mission("READY", paused=True)), "BLUE", False),
+        (View(Mission("READY", paused=True), manual=COLORS_BY_NAME["WHITE"]), "WHITE", False),
         (View(Mission("RETURNING", battery_low=True)), "BATTERY_LOW", False),
         (View(Mission("RETURNING", battery_low=True, paused=True)), "AMBER", False),
         (View(Mission("READY", battery_low=True)), "BLUE", False),
