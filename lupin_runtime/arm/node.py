@@ -22,12 +22,13 @@ from lupin_runtime.arm.limits import GRIPPER_MAX_EFFORT, gripper_rad
 from lupin_runtime.arm.motion import CALIBRATING, Refused
 from lupin_runtime.arm.presets import PRESET_DURATION_S, preset
 from lupin_runtime.arm.shared_arm import ArmNode
-from lupin_runtime.arm.torque import TORQUE_OFF, TorqueStep, steps
+from lupin_runtime.arm.torque import HOLD, TORQUE_OFF, TorqueStep, steps
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 __all__ = ["ArmCalibrateServer", "ArmLibraryServer", "ArmPresetServer", "GripperActionBridge"]
 
 PIN_POLL_S = 0.1
+PIN_TRIES = 5  # of a pin that needs feedback of now
 GRIPPER_SERVER_S = 2.0
 INIT_DURATION_S = 5.0
 
@@ -171,13 +172,32 @@ class GripperActionBridge(ArmNode):
                 return False, f"{failure}, so the torque may be off: hold the arm, and switch the torque on or off again"
             if failure:
                 for undo in (previous.undone() for previous in reversed(done)):
-                    if undo is not None:
-                        await self._execute(undo)
+                    if undo is None:
+                        continue
+                    # The controller's set-point has gone on behind the closed gate, and the arm would jump to it.
+                    unknown, _ = await self._execute(HOLD)
+                    if unknown:
+                        self.motion.torque = False
+                        return False, f"{failure}, and {unknown}: the arm takes no commands; switch its torque on"
+                    await self._execute(undo)
                 return False, failure
             done.append(step)
             if step.row is graph.VENDOR_TORQUE:
                 self.motion.torque = step.value
         return True, "the arm is stiff and takes commands" if on else "the arm is limp and takes no commands"
+
+    async def _pin(self) -> str:
+        """Hold the arm's present pose; return why it could not be held, or an empty string."""
+        reason = ""
+        for _ in range(PIN_TRIES):
+            try:
+                self.motion.pin()
+            except Refused as refusal:
+                reason = str(refusal)
+                await async_wait.sleep(self, PIN_POLL_S)
+            else:
+                return ""
+        return reason
 
     def _estop_refusal(self, estop_count: int) -> str:
         try:
@@ -189,10 +209,8 @@ class GripperActionBridge(ArmNode):
     async def _execute(self, step: TorqueStep) -> tuple[str, bool]:
         """Execute one step; return an error message, or an empty string, and whether it is known what became of it."""
         if step.row is None:
-            try:
-                self.motion.pin()
-            except Refused as refusal:
-                return str(refusal), True
+            if refusal := await self._pin():
+                return refusal, True
             await async_wait.sleep(self, step.settle_s)
             return "", True
         client = self._torque_clients[step.row]

@@ -87,6 +87,8 @@ class _SharedArm:
         # 50 messages arrive per second and few are read, so they are deserialized on reading.
         if _MARK in data:
             self._received = (data, self._clock_ns())
+            if (motion := self.motion) is not None:
+                motion.hold_if_due()
 
     def _clock_ns(self) -> int:
         return self._members[0].elapsed_clock_ns()
