@@ -35,7 +35,8 @@ class ArmTeleop(ArmNode):
         self._answer: Future | None = None
         self._told = ""
         self.subscription(graph.ARM_JOG, self._on_rates)
-        self.create_timer(TICK_S, self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._tick = self.create_timer(TICK_S, self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._tick.cancel()  # it runs during a jog, and while the refusal of one is to be told
 
     def before_shutdown(self) -> None:
         """End the jog, and hold the arm."""
@@ -48,6 +49,8 @@ class ArmTeleop(ArmNode):
         except ValueError as error:
             self.get_logger().warning(f"{graph.ARM_JOG.name}: {error}", throttle_duration_sec=5.0)
         self._tell()
+        if self._tick.is_canceled() and (self._jog.source or self._jog.refusal):
+            self._tick.reset()
 
     def _on_tick(self) -> None:
         self._jog.tick(self.monotonic_ns())
@@ -55,6 +58,8 @@ class ArmTeleop(ArmNode):
             self._send_gripper()
         else:
             self._wanted_rad = self._sent_rad = None  # a jog that has ended moves nothing more
+            if not self._jog.refusal:
+                self._tick.cancel()
         self._tell()
 
     def _tell(self) -> None:
