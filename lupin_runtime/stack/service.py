@@ -32,6 +32,7 @@ READY_STEP_S = 0.25
 STATE_PERIOD_S = 1.0
 # To read the memory of all processes takes 8 ms of an x86 core, and systemd limits that of the unit at any time.
 USAGE_PERIOD_S = 10.0
+RETRY_OPTIONAL_S = 60.0
 MAX_RUNS = 5  # they are in memory
 
 
@@ -66,7 +67,15 @@ def serve(chosen: Options) -> int:
     variables = " ".join(f"{name}={value}" for name, value in graph.items()) or "no ROS variables are set"
     print(f"{chosen.target}: {variables}", flush=True)
 
-    supervisor = Supervisor(chosen.in_folder(run.path), run, dict(os.environ), NothingObserved(), True, USAGE_PERIOD_S)
+    supervisor = Supervisor(
+        chosen.in_folder(run.path),
+        run,
+        dict(os.environ),
+        NothingObserved(),
+        own_output=True,
+        usage_period_s=USAGE_PERIOD_S,
+        retry_optional_s=RETRY_OPTIONAL_S,
+    )
     monitor: GraphMonitor | None = None
     try:
         supervisor.step()  # processes that wait for nothing start meanwhile

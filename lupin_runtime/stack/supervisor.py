@@ -123,8 +123,12 @@ class Supervisor:
         monitor: ReadinessMonitor,
         own_output: bool = False,
         usage_period_s: float = USAGE_PERIOD_S,
+        retry_optional_s: float | None = None,
     ) -> None:
-        """With `own_output`, processes write to this process's output, such as the system journal, instead of log files."""
+        """With `own_output`, processes write to this process's output, such as the system journal, instead of log files.
+
+        `retry_optional_s` after an optional process was given up, it is started again: nobody may be there to do it.
+        """
         self.options = options
         self._own_output = own_output
         self.run = run
@@ -140,6 +144,7 @@ class Supervisor:
         self.liveness = Liveness()
         self.liveness.start()
         self._usage_due_s, self._usage_period_s = 0.0, usage_period_s
+        self._retry_optional_s = retry_optional_s
         self._stopping = False
 
     def stage(self, name: str) -> Stage | None:
@@ -162,6 +167,10 @@ class Supervisor:
                 continue
             if stage.phase is Phase.WAITING:
                 if all(self.monitor.satisfied(condition) for condition in stage.row.needs):
+                    self._start(stage, now)
+            elif stage.phase is Phase.FAILED:
+                if stage.row.optional and self._retry_optional_s and now - stage.since_s >= self._retry_optional_s:
+                    stage.restart_count += 1
                     self._start(stage, now)
             elif stage.phase in (Phase.STARTING, Phase.UP):
                 if stage.process is not None and stage.process.poll() is not None:
@@ -276,9 +285,11 @@ class Supervisor:
             self._start(stage, now)
         else:
             self.liveness.stop_monitoring(stage.row.name)
-            stage.phase = Phase.FAILED
+            stage.phase, stage.since_s = Phase.FAILED, now
             lost = f"its state is lost, so the {stage.row.on_death} was stopped"
             consequence = f"given up after {RESTARTS_ALLOWED} restarts in a minute" if repairable else lost
+            if stage.row.optional and self._retry_optional_s:
+                consequence += f"; it is started again in {self._retry_optional_s:.0f} s"
         log = "" if self._own_output else f"; log: {self.run.logs / (stage.row.name + '.log')}"
         stage.why = f"{status}; {consequence}{log}"
         self.deaths.append(Death(stage.row.name, status, consequence, ends_run=not (may_restart or stage.row.optional)))
