@@ -381,7 +381,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ),
     ProcessRow(
         "joystick",
-        (NodeRow("lupin_runtime.teleop.node:PadTeleop"),),
+        (NodeRow("lupin_runtime.teleop.node:PadTeleop", lambda o: {"onboard": True} if _on_robot(o) else {}),),
         targets=(*LAPTOP_TARGETS, ONBOARD),
         when=lambda o: o.joystick,
         flag="joystick",
