@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from lupin_runtime import graph
-from tests.support.waiting import wait_until
+from tests.support.waiting import wait_for_nothing, wait_until
 
 if TYPE_CHECKING:
     from lupin_runtime.ros import LupinNode
@@ -73,7 +72,7 @@ def test_executor_calls_timers_subscriptions_and_guards(spun: Spun) -> None:
 
 def test_entity_created_while_it_waits_is_served(spun: Spun) -> None:
     ticks: list[int] = []
-    time.sleep(0.1)  # it waits for events, of which there are none
+    wait_for_nothing(0.1, "an event")
     spun.node.create_timer(0.01, lambda: ticks.append(1))
     wait_until(lambda: ticks, "the new timer")
 
@@ -178,7 +177,7 @@ def test_polled_subscription_is_left_to_its_owner(spun: Spun) -> None:
     wait_until(publisher.get_subscription_count, "the subscription")
     publisher.publish(JointState(name=["shoulder_pan_joint"], position=[1.0]))
     publisher.publish(JointState(name=["front_left_wheel"]))
-    time.sleep(0.3)
+    wait_for_nothing(0.3, "an event of the executor")
     taken = take_newest_with(joints, b"shoulder_pan_joint")
     assert taken is not None and 0.25 <= taken.age_s < 5.0
     assert take_newest_with(joints, b"shoulder_pan_joint") is None
