@@ -470,7 +470,7 @@ def test_page_sending_zeros_holds_the_bus() -> None:
     assert finding.id == "pad-holds-bus" and finding.severity is Severity.WARNING
 
 
-def test_wheels_that_do_not_turn_when_commanded_show_a_wedged_board() -> None:
+def test_idle_wheels_while_commanded_show_a_wedged_board() -> None:
     driven = {"inputs": (DriveInput("/cmd_vel_joy", 24, 24),), "drive_bus_holder": "joy", "drive_bus_locks": ()}
     (finding,) = root_findings(graph(idle_wheels_s=1.3, **driven))
     assert finding.id == "board-wedged" and finding.fix.playbook == "recover-board"
