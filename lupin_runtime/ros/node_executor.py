@@ -53,9 +53,11 @@ class NodeExecutor(SingleThreadedExecutor):
         if any(not task.done() for task, *_ in list(self._tasks)):
             super().spin_once(timeout_sec)
             return
+        # rclpy's look at the entities holds them as long as it is kept; what it has not handled is found again.
+        self._cb_iter = None
         if time.monotonic() >= self.all_due_s:
             self.all_due_s = time.monotonic() + _QOS_EVENTS_PERIOD_S
-            self._spin_rclpy()
+            super().spin_once(0.0)
             return
         if self._has_changed or self._entities is None:
             self._has_changed = False  # first: what changes from here on is collected the next time
@@ -72,12 +74,7 @@ class NodeExecutor(SingleThreadedExecutor):
         for callback in callbacks:
             callback()
         if has_other:
-            self._spin_rclpy()
-
-    def _spin_rclpy(self) -> None:
-        """Let rclpy handle one event that is ready now."""
-        self._cb_iter = None  # what is left of an earlier look, which would end this one; it is found again
-        super().spin_once(0.0)
+            super().spin_once(0.0)
 
 
 class _Entities:
@@ -128,6 +125,7 @@ class _Entities:
             ("client", {each.handle.pointer: None for each in clients}),
             ("service", {each.handle.pointer: None for each in services}),
         )
+        self._guards = guards
         self._held = (*(handle for _, handle in self._added), *self._waitables, context)
 
     def wait(self, timeout_ns: int) -> tuple[list[Callable[[], object]], bool]:
@@ -152,6 +150,9 @@ class _Entities:
             add(handle)
         for waitable in self._waitables:
             waitable.add_to_wait_set(wait_set)
+        for guard in self._guards:
+            if guard._executor_triggered:  # it was seen by rclpy, which has not handled it
+                guard.trigger()
         wait_set.wait(timeout_ns)
         callbacks: list[Callable[[], object]] = []
         has_other = any(waitable.is_ready(wait_set) for waitable in self._waitables)
@@ -202,7 +203,11 @@ def _guard_call(executor: NodeExecutor, guard: Any) -> Callable[[], object]:
         guard._executor_triggered = True  # waiting has reset it
         executor.all_due_s = 0.0
 
-    return leave_to_rclpy if inspect.iscoroutinefunction(guard.callback) else guard.callback
+    def call() -> None:
+        guard._executor_triggered = False
+        guard.callback()
+
+    return leave_to_rclpy if inspect.iscoroutinefunction(guard.callback) else call
 
 
 def _is_free(entity: Any) -> bool:

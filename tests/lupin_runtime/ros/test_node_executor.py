@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -129,6 +130,33 @@ def test_coroutine_of_a_service_awaits_a_call_of_its_own_node(spun: Spun) -> Non
         wait_until(future.done, "the answer")
         assert future.result().message == "outer after inner"
         assert len(ticks) > count, "timers are called meanwhile"
+
+
+def test_no_guard_is_lost_beside_services_and_coroutines(spun: Spun) -> None:
+    """rclpy may see a trigger, which it takes thereby, and handle something else first."""
+    from rclpy.callback_groups import ReentrantCallbackGroup
+
+    from lupin_runtime.arm import async_wait
+    from lupin_runtime.ros.interfaces import interface
+
+    trigger = interface(graph.ARM_INIT.type)
+    group = ReentrantCallbackGroup()
+    guarded: list[float] = []
+
+    async def on_call(_: Any, response: Any) -> Any:
+        await async_wait.sleep(spun.node, 0.002)
+        return response
+
+    spun.node.create_service(trigger, "service", on_call, callback_group=group)
+    client = spun.node.create_client(trigger, "service", callback_group=group)
+    guard = spun.node.create_guard_condition(lambda: guarded.append(time.monotonic()))
+    wait_until(client.service_is_ready, "the service")
+    for _ in range(100):
+        count, began_s = len(guarded), time.monotonic()
+        future = client.call_async(trigger.Request())
+        guard.trigger()
+        wait_until(lambda future=future, count=count: future.done() and len(guarded) > count, "both", interval_s=0.001)  # type: ignore[misc]
+        assert guarded[-1] - began_s < 5.0
 
 
 def test_coroutine_of_a_timer_is_run(spun: Spun) -> None:
