@@ -15,7 +15,6 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities
 
 # A publisher or subscription has up to two waitables whose only event is a QoS that does not match, which rclpy logs. Waiting
@@ -194,7 +193,9 @@ def _subscription_call(subscription: Any) -> Callable[[], object] | None:
         if taken is not None:
             subscription.callback(taken[0])
 
-    is_plain = subscription._callback_type is Subscription.CallbackType.MessageOnly
+    # Without this attribute, rclpy passes messages only.
+    kind = getattr(subscription, "_callback_type", None)
+    is_plain = kind is None or kind.name == "MessageOnly"
     return call if is_plain and not inspect.iscoroutinefunction(subscription.callback) else None
 
 
