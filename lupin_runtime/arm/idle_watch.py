@@ -12,6 +12,9 @@ LISTEN_S = 10.0  # until a mission's state must have arrived if there is a missi
 SILENT_S = 3.0  # after which a status counts no more; it is repeated every second
 RESTING = ("", "BOOT", "READY", "DONE", "FAULT")  # lifecycle states of a mission that does not use the arm
 
+# The program runs on the robot, or with `lupin home --local` in a run of this computer.
+_BODY_LOG = "journalctl -u lupin-onboard, or of a run on this computer: lupin logs body"
+
 _STATUS = {"holder": "", "moving": False, "limp": False}
 _LIBRARY = {"recording": False, "playing": False, "name": ""}
 
@@ -48,7 +51,7 @@ class IdleWatch:
         """Return why the arm is not idle; empty if nobody has used it for IDLE_S."""
         if self._status_ns is None or now_ns - self._status_ns > SILENT_S * 1e9:
             self._busy_ns = now_ns
-            return f"{graph.ARM_STATUS.name} is not received; see lupin logs body"
+            return f"{graph.ARM_STATUS.name} is not received; see {_BODY_LOG}"
         for reason, said_ns in self._reasons.values():
             if reason and now_ns - said_ns <= SILENT_S * 1e9:
                 self._busy_ns = now_ns

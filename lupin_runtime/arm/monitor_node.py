@@ -15,7 +15,7 @@ from lupin_runtime.arm.motion import ArmState
 from lupin_runtime.arm.shared_arm import ArmNode
 from lupin_runtime.arm.stall import BlockedJoint, StallWatch
 
-TICK_S = 0.1
+TICK_S = 0.2
 REPEAT_S = 1.0  # of a status that has not changed
 
 

@@ -110,7 +110,7 @@ class ArmMotion:
     def set_estop(self, engaged: bool) -> None:
         """Handle a message of the e-stop state.
 
-        The arm is held when the e-stop engages or, if its pose is unknown then, as soon as it is known.
+        The arm is held when the e-stop engages or, if its pose is unknown then, with the first message after the pose is known.
         The held pose is sent again if the arm has left it, and with the release. So no earlier trajectory, which `counter` may
         have missed or received in another order than the controller, continues after the release.
         """
@@ -125,14 +125,10 @@ class ArmMotion:
                 self._send_held_pose()
             if was_engaged and not engaged:
                 self._released_ns = self._real_ns()
-            # Feedback of now comes within 20 ms. If none has come when the state is repeated, what there is must do.
-            self.hold_if_due(HOLD_FRESH_S if is_press else FRESH_S)
-
-    def hold_if_due(self, max_age_s: float = HOLD_FRESH_S) -> None:
-        """Hold the present pose if a stop waits for feedback; call it with each feedback."""
-        if self._hold_due and self.torque is not False:
-            with suppress(Refused):
-                self.pin(max_age_s)
+            if self._hold_due and self.torque is not False:
+                with suppress(Refused):
+                    # If no feedback of now has come when the state is repeated, 0.2 s later, what there is must do.
+                    self.pin(HOLD_FRESH_S if is_press else FRESH_S)
 
     def counter(self, path: Sequence[tuple[float, ...]]) -> None:
         """Replace another publisher's trajectory by the held pose while the e-stop is engaged. `path` are its points."""
@@ -176,7 +172,7 @@ class ArmMotion:
             return self._send_path(to_pose(state.arm, MIN_DURATION_S))
 
     def stop(self, duration_s: float) -> None:
-        """Replace the current motion by holding the present pose, as soon as it is known."""
+        """Replace the current motion by holding the present pose; if that is not known, with a later message of the e-stop."""
         with self._lock:
             self.stop_count += 1
             state = self.state(fresh=True, max_age_s=HOLD_FRESH_S)

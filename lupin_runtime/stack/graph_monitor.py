@@ -15,12 +15,12 @@ from typing import Any, Protocol
 
 import rclpy
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 
 from lupin_runtime import graph
 from lupin_runtime.json_text import parse_json
 from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
+from lupin_runtime.ros.node_executor import NodeExecutor
 from lupin_runtime.ros.tf import TransformListener
 from lupin_runtime.safety.expected_sources import waits_for_sources
 from lupin_runtime.safety.unheard_press import UnheardPress
@@ -101,7 +101,7 @@ class GraphMonitor:
         self.node.subscription(graph.ARM_STATUS, self._take_arm_status)
         self.node.subscription(graph.ESTOP_STATUS, self._take_estop_status)
         self._start = self.node.client(graph.MISSION_START)
-        self._executor = SingleThreadedExecutor()
+        self._executor = NodeExecutor()
         self._executor.add_node(self.node)
 
     def spin(self, seconds: float) -> None:

@@ -139,7 +139,7 @@ def test_memory_of_killed_process_is_removed_of_live_one_kept(sandbox: Sandbox) 
 
 def mapped_files() -> set[str]:
     """Return the names of all files that a process has mapped."""
-    names = set()
+    names = set[str]()
     for path in Path("/proc").glob("[0-9]*/maps"):
         with contextlib.suppress(OSError):  # it has ended
             names.update(line.rpartition("/")[2] for line in path.read_text(errors="replace").splitlines())

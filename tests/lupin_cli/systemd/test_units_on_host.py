@@ -271,5 +271,5 @@ def test_systemd_on_the_robot_accepts_the_units(robot_host: Host) -> None:
     )
     assert (verified.status, verified.stderr) == (0, "")
     limits = robot_host.robot.run_as_root("systemctl", "show", "lupin-onboard").stdout
-    for line in ("LimitRTPRIO=1", "MemoryMax=268435456", "ProtectClock=yes", "KillMode=mixed", "OOMPolicy=continue"):
+    for line in ("LimitRTPRIO=1", "MemoryMax=335544320", "ProtectClock=yes", "KillMode=mixed", "OOMPolicy=continue"):
         assert re.search(rf"^{line}$", limits, re.MULTILINE), line

@@ -106,9 +106,9 @@ def test_moving_arm_is_held_where_it_is_not_where_it_was(is_press: bool) -> None
         arm.motion.stop(0.3)
     assert len(arm.sent) == 1
     arm.set_pose((0.58, 0.0, 0.0, 0.0))
-    arm.motion.hold_if_due()
+    arm.motion.set_estop(is_press)  # repeated, as it is five times a second
     assert arm.last.arm == (0.58, 0.0, 0.0, 0.0)
-    arm.motion.hold_if_due()
+    arm.motion.set_estop(is_press)
     assert len(arm.sent) == 2
 
 
@@ -120,7 +120,7 @@ def test_last_feedback_must_do_if_no_other_comes(is_press: bool) -> None:
     else:
         arm.motion.stop(0.3)
     arm.now_ns += S // 5
-    arm.motion.set_estop(is_press)  # repeated, as it is five times a second
+    arm.motion.set_estop(is_press)
     assert arm.last.arm == (0.4, 0.0, 0.0, 0.0)
 
 
@@ -129,7 +129,7 @@ def test_stop_that_waits_gives_way_to_a_later_command() -> None:
     arm.motion.stop(0.3)
     arm.motion.move((0.9, 0.0, 0.0, 0.0), 3.0)
     arm.set_pose((0.6, 0.0, 0.0, 0.0))
-    arm.motion.hold_if_due()
+    arm.motion.set_estop(False)
     assert arm.last.arm == (0.9, 0.0, 0.0, 0.0)
 
 
@@ -138,7 +138,7 @@ def test_limp_arm_is_not_held() -> None:
     arm.motion.torque = False
     arm.motion.stop(0.3)
     arm.set_pose((0.6, 0.0, 0.0, 0.0))
-    arm.motion.hold_if_due()
+    arm.motion.set_estop(False)
     assert len(arm.sent) == 1
 
 
