@@ -207,18 +207,11 @@ def lupin_host() -> Iterator[Host]:
 
     All tests of a file share it, since a boot takes seconds.
     """
-    from lupin_cli.systemd import units
-    from lupin_sim.host.checkout import CURRENT_RELEASE, SETUP_LINES, keep_shared_memory, link_checkout
     from lupin_sim.host.fixtures import boot_or_skip
+    from tests.support.onboard_units import install_units
 
     with boot_or_skip(vendor_robot=True) as host:
-        run_as_root = host.robot.run_as_root
-        link_checkout(host.robot)
-        keep_shared_memory(host.robot)
-        for name, text in units.robot_units("mirte", CURRENT_RELEASE, SETUP_LINES).items():
-            assert run_as_root("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
-        done = run_as_root(
-            "sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-cameras lupin-auto-home"
-        )
+        install_units(host.robot)
+        done = host.robot.run_as_root("systemctl", "enable", "--quiet", "lupin-onboard", "lupin-cameras", "lupin-auto-home")
         assert done.status == 0, done.stderr
         yield host
