@@ -60,15 +60,15 @@ class SystemPrograms(LupinNode):
         super().__init__(name, parameters)
         programs = [text.split("/") for text in self.parameter("programs", [""])]
         file = Path(self.parameter("parameter_file", ""))
-        paths = [_program(package, executable) for package, executable, _ in programs]
+        commands = [_command(package, executable) for package, executable, _ in programs]
         _write(file, yaml.safe_dump(dict(ros_parameters), sort_keys=False))
         arguments = [*ROS_ARGUMENTS, "--params-file", str(file)]
         for source, target in remappings.items():
             arguments += ["-r", f"{source}:={target}"]
         self._stopping = False
         self._running = [
-            Running(executable, node, _start([str(path), *arguments]))
-            for (_, executable, node), path in zip(programs, paths, strict=True)
+            Running(executable, node, _start([*command, *arguments]))
+            for (_, executable, node), command in zip(programs, commands, strict=True)
         ]
         self._steps = deque((program.node, *step) for program in self._running for step in _TRANSITIONS)
         self._client: Client | None = None
@@ -121,12 +121,11 @@ class SystemPrograms(LupinNode):
                 program.process.wait()
 
 
-def _program(package: str, executable: str) -> Path:
+def _command(package: str, executable: str) -> list[str]:
     found = find_package(package, os.environ)
-    path = found.program(executable) if found is not None else None
-    if path is None:
-        raise ProgramError(f"{executable} of the ROS package {package} is not installed, or its setup.bash was not sourced")
-    return path
+    if found is None or not (command := found.command(executable)):
+        raise ProgramError(f"{executable} of the ROS package {package} is not installed")
+    return command
 
 
 def _write(path: Path, text: str) -> None:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lupin_runtime.ament import find_package
-
-DISTRIBUTION = "jazzy"
+from lupin_runtime.ament import DISTRIBUTION, SYSTEM_PREFIX, find_package
 
 
 @dataclass(frozen=True)
@@ -59,18 +57,17 @@ SLAM_TOOLBOX = Engine(
 
 def find_problem(engine: Engine, environment: Mapping[str, str]) -> str:
     """Return why an engine cannot run in this environment, with what to do; empty if it can."""
-    setup = f"/opt/ros/{DISTRIBUTION}/setup.bash"
     for program in engine.programs:
         package = find_package(program.package, environment)
-        if package is None or package.program(program.executable) is None:
+        if package is None or not package.command(program.executable):
             return (
-                f"{engine.title} is not installed, or not sourced in this terminal: there is no {program.executable} of "
-                f"{program.package}. Install it with: sudo apt-get install {engine.debian_package}, then: source {setup}"
+                f"{engine.title} is not installed: there is no {program.executable} of {program.package} in AMENT_PREFIX_PATH "
+                f"or {SYSTEM_PREFIX}; install it with: sudo apt-get install {engine.debian_package}"
             )
         if package.version.split(".")[:2] != engine.version.split("."):
             return (
-                f"{program.package} in {package.prefix} has version {package.version or 'unknown'}, but Lupin has the "
-                f"interfaces of {engine.title} {engine.version}. Source ROS 2 {DISTRIBUTION.title()} alone: source {setup}"
+                f"{program.package} in {package.prefix} has version {package.version or 'unknown'}, expected {engine.version}, "
+                f"whose interfaces Lupin has; use a terminal that has sourced no ROS distribution other than {DISTRIBUTION}"
             )
     return ""
 

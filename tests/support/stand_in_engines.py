@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +131,7 @@ def main(executable: str) -> None:
     from nav_msgs.msg import Path as PathMessage
     from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
     from rclpy.clock import Clock, ClockType
+    from rclpy.executors import ExternalShutdownException
     from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
     from rclpy.node import Node
     from rclpy.task import Future
@@ -255,7 +257,8 @@ def main(executable: str) -> None:
     costmap = {"controller_server": "local_costmap", "planner_server": "global_costmap"}.get(name)
     if costmap is not None:
         checked(Node(costmap, namespace=costmap, automatically_declare_parameters_from_overrides=True))
-    rclpy.spin(checked(kinds.get(name, StandIn)(name)))
+    with suppress(ExternalShutdownException):
+        rclpy.spin(checked(kinds.get(name, StandIn)(name)))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,7 @@ import yaml
 from typer.testing import CliRunner
 
 from lupin_cli.commands.up import command
-from lupin_runtime import graph
+from lupin_runtime import ament, graph
 from lupin_runtime.environment import without_ros_wheels
 from lupin_runtime.navigation.mppi import MppiParameters
 from lupin_runtime.navigation.nav2_parameters import nav2_parameters
@@ -70,7 +73,7 @@ def test_missing_package_names_what_to_install(tmp_path: Path) -> None:
     install(tmp_path, [NAV2])
     environment = {"AMENT_PREFIX_PATH": f"/nowhere:{tmp_path}"}
     assert find_problem(NAV2, environment) == ""
-    assert "sudo apt-get install ros-jazzy-slam-toolbox, then: source /opt/ros/jazzy" in find_problem(SLAM_TOOLBOX, environment)
+    assert "install it with: sudo apt-get install ros-jazzy-slam-toolbox" in find_problem(SLAM_TOOLBOX, environment)
     assert "no controller_server of nav2_controller" in find_problem(NAV2, {})
     (tmp_path / "lib/nav2_planner/planner_server").chmod(0o644)
     assert "no planner_server of nav2_planner" in find_problem(NAV2, environment)
@@ -79,7 +82,19 @@ def test_missing_package_names_what_to_install(tmp_path: Path) -> None:
 def test_engine_of_another_distribution_is_refused(tmp_path: Path) -> None:
     install(tmp_path, versions={"nav2_behaviors": "1.1.18"})
     problem = find_problem(NAV2, {"AMENT_PREFIX_PATH": str(tmp_path)})
-    assert f"nav2_behaviors in {tmp_path} has version 1.1.18" in problem and "Nav2 1.3" in problem
+    assert f"nav2_behaviors in {tmp_path} has version 1.1.18, expected 1.3" in problem
+
+
+def test_distribution_that_was_not_sourced_is_sourced_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ament, "SYSTEM_PREFIX", install(tmp_path, [SLAM_TOOLBOX]))
+    (tmp_path / "setup.sh").write_text("export SOURCED=yes\n")
+    (tmp_path / "lib/slam_toolbox/async_slam_toolbox_node").write_text('#!/bin/sh\necho "$SOURCED $*"\n')
+    found = ament.find_package("slam_toolbox", {})
+    assert found is not None
+    for is_sourced, printed in ((False, "yes --ros-args x\n"), (True, " --ros-args x\n")):
+        command = replace(found, is_sourced=is_sourced).command("async_slam_toolbox_node")
+        assert subprocess.run([*command, "--ros-args", "x"], capture_output=True, text=True, check=True).stdout == printed
+    assert found.command("sync_slam_toolbox_node") == []
 
 
 @pytest.mark.parametrize(
@@ -101,8 +116,6 @@ def test_unusable_engine_is_refused(arguments: list[str], reason: str, monkeypat
 
 
 def test_foreign_programs_get_no_library_of_the_wheels(tmp_path: Path) -> None:
-    import sys
-
     own = f"{sys.prefix}/lib"
     given = {"_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1", "LD_LIBRARY_PATH": f"{own}:{tmp_path}", "HOME": "/h"}
     assert without_ros_wheels(given) == {"LD_LIBRARY_PATH": str(tmp_path), "HOME": "/h"}
