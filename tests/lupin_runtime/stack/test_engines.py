@@ -131,6 +131,13 @@ def test_programs_and_their_parameters_are_in_the_run(tmp_path: Path) -> None:
     assert given["parameter_file"] == str(tmp_path / "processes/nav2.yaml")
 
 
+def has_ended(process: psutil.Process) -> bool:
+    try:
+        return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
 @pytest.mark.sim
 @pytest.mark.graph
 @pytest.mark.xdist_group("stack")
@@ -160,9 +167,7 @@ def test_goal_reaches_nav2_and_its_death_is_named(
     def status(result: Any) -> int:
         return int(client.until(result.done, "the goal's end") and result.result().status)
 
-    near = send(1.0)
-    run.wait(lambda: run.speed_m_s() > 0.1, "a robot that Nav2 drives")
-    assert status(near) == GoalStatus.STATUS_SUCCEEDED
+    assert status(send(1.0)) == GoalStatus.STATUS_SUCCEEDED
     far = send(100.0)
     run.wait(lambda: run.speed_m_s() > 0.1, "a robot that Nav2 drives")
     client.call(graph.SIM_PRESS_ESTOP, data=True)
@@ -172,7 +177,7 @@ def test_goal_reaches_nav2_and_its_death_is_named(
     nav = psutil.Process(run.stage("nav")["pid"])
     programs = nav.children()
     next(each for each in programs if "controller_server" in each.cmdline()).kill()
-    state = run.until(lambda state: state["deaths"], "a death")
-    assert "controller_server was killed by SIGKILL" in state["deaths"][0]["status"]
-    run.wait_up()
-    assert not [each for each in programs if each.is_running() and each.status() != psutil.STATUS_ZOMBIE]
+    death = run.until(lambda state: state["deaths"], "a death")["deaths"][0]
+    assert "controller_server was killed by SIGKILL" in death["status"]
+    assert (death["stage"], death["consequence"]) == ("nav", "restarted")
+    run.wait(lambda: all(map(has_ended, programs)), "the end of every program of the old process, beside which none may run")
