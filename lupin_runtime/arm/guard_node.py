@@ -10,13 +10,14 @@ from sensor_msgs.msg import JointState
 
 from lupin_runtime import graph
 from lupin_runtime.arm.backup_hold import BackupHold
-from lupin_runtime.arm.goal_canceler import GoalCanceler
+from lupin_runtime.arm.controllers import ARM_ACTIONS
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.arm.limits import Arm
 from lupin_runtime.arm.messages import poses_of, trajectory_message
 from lupin_runtime.arm.trajectory import MIN_DURATION_S, to_pose
 from lupin_runtime.heartbeat import names_process
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.goal_canceler import GoalCanceler
 from lupin_runtime.ros.polled_subscription import take_newest_with
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
@@ -36,7 +37,7 @@ class ArmGuard(LupinNode):
         self._hold = BackupHold()
         self._acts = self._estop_engaged = False
         self._publisher = self.publisher(graph.ARM_TRAJECTORY)
-        self._canceler = GoalCanceler(self)
+        self._canceler = GoalCanceler(self, ARM_ACTIONS)
         self._joints = self.polled_subscription(graph.JOINT_STATES, graph.BEST5)
         subscribe_estop(self, self._on_estop)
         self.subscription(graph.ARM_TRAJECTORY, self._on_trajectory)

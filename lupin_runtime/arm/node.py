@@ -16,13 +16,14 @@ from std_srvs.srv import SetBool
 from lupin_runtime import graph
 from lupin_runtime.arm import async_wait
 from lupin_runtime.arm.calibrate_server import ArmCalibrateServer
-from lupin_runtime.arm.goal_canceler import GoalCanceler
+from lupin_runtime.arm.controllers import ARM_ACTIONS
 from lupin_runtime.arm.library_server import ArmLibraryServer
 from lupin_runtime.arm.limits import GRIPPER_MAX_EFFORT, gripper_rad
 from lupin_runtime.arm.motion import CALIBRATING, Refused
 from lupin_runtime.arm.presets import PRESET_DURATION_S, preset
 from lupin_runtime.arm.shared_arm import ArmNode
 from lupin_runtime.arm.torque import HOLD, TORQUE_OFF, TorqueStep, steps
+from lupin_runtime.ros.goal_canceler import GoalCanceler
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 __all__ = ["ArmCalibrateServer", "ArmLibraryServer", "ArmPresetServer", "GripperActionBridge"]
@@ -69,7 +70,7 @@ class GripperActionBridge(ArmNode):
             row: self.create_client(SetBool, row.name, callback_group=self._group)
             for row in (graph.VENDOR_ARM_GATE, graph.VENDOR_TORQUE)
         }
-        self._canceler = GoalCanceler(self, self._group)
+        self._canceler = GoalCanceler(self, ARM_ACTIONS, self._group)
         for joint in graph.ARM_JOINTS:
             self.service(graph.arm_joint_angle(joint), self._joint_service(joint))
         self.service(graph.ARM_INIT, self._on_init)

@@ -386,6 +386,7 @@ class Supervisor:
             "stages": [
                 {
                     "name": stage.row.name,
+                    "engine": stage.row.engine,
                     "phase": stage.phase.value,
                     "optional": stage.row.optional,
                     "pid": stage.process.pid if stage.process is not None else None,
