@@ -2,7 +2,7 @@
 import { JOINTS, TOPICS } from "@/generated/graph";
 import { BATTERY } from "@/generated/robot";
 import type { MessageTypes, action_msgs_GoalStatus, nav_msgs_OccupancyGrid, sensor_msgs_CameraInfo } from "@/generated/messages";
-import { LIDAR, WHEEL } from "@/generated/robot_model";
+import { LIDAR, WHEEL } from "@/generated/robot";
 import { type Pose2, compose } from "@/ros/tf";
 import { HEIGHT_CELLS, ORIGIN, RESOLUTION_M, TAGS, WIDTH_CELLS, boxOf, castRay, flowersOf, occupancy } from "./greenhouse";
 import { header, noise, pose, poseStamped, quaternion, time, transform } from "./messages";
