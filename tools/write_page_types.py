@@ -4,7 +4,8 @@
 
 `messages.ts` has the types of all messages and services that the table of the graph names, `graph.ts` that table, `robot.ts`
 limits, presets, colors, ranges and dimensions, `settings.ts` the page's settings, `sentences.ts` what the robot and the console
-say, `robot_model.json` the shapes of the simulated robot, and `voice_tools.ts` the voice agent's tools.
+say, `robot_model.json` the shapes of the simulated robot, `voice_tools.ts` the voice agent's tools, and `mock_doctor.json` what
+the doctor of the page's mock answers.
 `tools/build_page.py` runs it before each build, lint and test of the page; git does not have them. A module that did not change
 is not written.
 """
@@ -35,7 +36,7 @@ from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, SOON_THRESHOLD
 from lupin_runtime.twin.health import IDEAL_RANGES, MAX_DEVIATION, OFF_RANGE, STATES
 from lupin_runtime.voice.declarations import function_declarations
 from lupin_sim import mirte, robot_model
-from tools import voice_types
+from tools import mock_doctor, voice_types
 
 FOLDER = Path(__file__).parents[1] / "web" / "src" / "generated"
 HEADER = "// Generated: `python -m tools.write_page_types`.\n"
@@ -355,6 +356,7 @@ def modules() -> dict[str, str]:
         "sentences.ts": HEADER + _constant_block("SENTENCES", {name: _plain_places(text) for name, text in SENTENCES.items()}),
         "robot_model.json": robot_model_rows(),
         "voice_tools.ts": voice_tools_module(),
+        "mock_doctor.json": json.dumps(mock_doctor.answers(), ensure_ascii=False) + "\n",
     }
 
 
