@@ -226,6 +226,8 @@ def robot_module() -> str:
     states = {name: list(rgb) for name, rgb in {**palette.LIFECYCLE_COLORS, **palette.PHASE_COLORS}.items()}
     ranges = {name: {"low": row.minimum, "high": row.maximum, "unit": row.unit} for name, row in IDEAL_RANGES.items()}
     health = [{"below": limit if np.isfinite(limit) else None, "name": name} for limit, name in STATES]
+    half_length, half_width, _ = _rounded_list(_simulated_robot().geom("chassis").size)
+    chassis = {"halfLengthM": half_length, "halfWidthM": half_width}
     wheel = {"radiusM": mirte.WHEEL_RADIUS_M, "widthM": mirte.WHEEL_WIDTH_M}
     lidar = {"at": list(mirte.LIDAR_POSITION), "yawRad": mirte.LIDAR_YAW_RAD}
     authority = {"leaseSilenceS": LEASE_TIMEOUT_S, "requestS": REQUEST_TIMEOUT_S}
@@ -242,6 +244,7 @@ def robot_module() -> str:
         + _constant_block("HEALTH", {"maxDeviation": MAX_DEVIATION, "offRange": OFF_RANGE, "states": health})
         + _constant_block("BATTERY", {"lowShare": LOW_THRESHOLD, "soonShare": SOON_THRESHOLD})
         + f"export const OUTER_RADIUS_M = {mirte.OUTER_RADIUS_M:g};\n"
+        + _constant_block("CHASSIS", chassis)
         + _constant_block("WHEEL", wheel)
         + _constant_block("LIDAR", lidar)
         + _constant_block("AUTHORITY", authority)
@@ -275,12 +278,17 @@ def _plain_places(template: str) -> str:
 # -- robot_model.json -------------------------------------------------------------------------------------------------
 def robot_model_rows() -> str:
     """Bodies, joints and shapes of the simulated robot, one a line, for `robot/model.ts`; m, quaternions as (x, y, z, w)."""
+    model = _simulated_robot()
+    rows = (json.dumps(_body(model, body), separators=(",", ":")) for body in range(1, model.nbody))
+    return "[\n" + ",\n".join(rows) + "\n]\n"
+
+
+@functools.cache
+def _simulated_robot() -> Any:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     robot_model.add_robot(spec)
-    model = spec.compile()
-    rows = (json.dumps(_body(model, body), separators=(",", ":")) for body in range(1, model.nbody))
-    return "[\n" + ",\n".join(rows) + "\n]\n"
+    return spec.compile()
 
 
 def _body(model: Any, body: int) -> dict[str, Any]:

@@ -1,9 +1,8 @@
 import { useEffect, useEffectEvent, useRef } from "react";
 import { TOPICS } from "@/generated/graph";
 import type { sensor_msgs_LaserScan } from "@/generated/messages";
-import { OUTER_RADIUS_M } from "@/generated/robot";
+import { CHASSIS, OUTER_RADIUS_M } from "@/generated/robot";
 import { useSamples } from "@/hooks/use_topic";
-import { CHASSIS } from "@/robot/footprint";
 import { MODEL_MOUNT, type Mount, echoesOf, mountOf } from "@/ros/scan";
 import { TransformTree } from "@/ros/tf";
 import { useSetting } from "@/state/settings";
@@ -88,7 +87,7 @@ function drawScan(canvas: HTMLCanvasElement, points: readonly Echo[], rangeM: nu
   context.fillStyle = cssColor("--color-sensed");
   for (const { x, y } of points) context.fillRect(toX(y) - 1.5, toY(x) - 1.5, 3, 3);
   context.fillStyle = cssColor("--color-text");
-  context.fillRect(toX(CHASSIS.maxY), toY(CHASSIS.maxX), (CHASSIS.maxY - CHASSIS.minY) * scale, (CHASSIS.maxX - CHASSIS.minX) * scale);
+  context.fillRect(toX(CHASSIS.halfWidthM), toY(CHASSIS.halfLengthM), 2 * CHASSIS.halfWidthM * scale, 2 * CHASSIS.halfLengthM * scale);
   context.fillStyle = cssColor("--color-alive");
   context.beginPath();
   context.moveTo(width / 2, toY(0.32));
