@@ -312,7 +312,7 @@ def main(arguments: list[str]) -> int:
         "--unattended", action="store_true", help=f"exit with 4 if the e-stop was pressed in the last {BETWEEN_ATTEMPTS_S:g} s"
     )
     parser.add_argument(
-        "--when-idle", type=float, metavar="S", help="wait up to S seconds until nobody uses the arm, then send it home"
+        "--when-idle", type=float, metavar="S", help="wait up to S seconds until the arm is idle, then send it home"
     )
     options = parser.parse_args(arguments)
     if opted_out(os.environ):
