@@ -102,10 +102,9 @@ class GraphHost:
 
     def add(self, node: Any) -> Any:
         """Start to spin `node`, and return it."""
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.task import Future
+        from lupin_runtime.ros.node_executor import NodeExecutor
 
-        executor, stop = SingleThreadedExecutor(), Future()
+        executor, stop = NodeExecutor(), threading.Event()
         executor.add_node(node)
         thread = threading.Thread(target=self._spin, args=(executor, stop), name=node.get_name(), daemon=True)
         self._running.append((node, executor, thread, stop))
@@ -116,7 +115,8 @@ class GraphHost:
         from rclpy.executors import ExternalShutdownException
 
         try:
-            executor.spin_until_future_complete(stop)
+            while not stop.is_set():
+                executor.spin_once()
         except ExternalShutdownException:
             pass
         except BaseException as error:  # raised in the test by `until` or `close`
@@ -155,9 +155,16 @@ class GraphHost:
         self._running.remove(entry)
         self._stop(*entry)
 
+    def suspend(self, node: Any) -> None:
+        """Stop to spin a node, which stays on the graph."""
+        _, executor, _, stop = next(entry for entry in self._running if entry[0] is node)
+        stop.set()
+        executor.wake()
+
     def _stop(self, node: Any, executor: Any, thread: threading.Thread, stop: Any) -> None:
         # The thread must return first: a shutdown destroys what a running callback still needs.
-        stop.set_result(None)
+        stop.set()
+        executor.wake()
         thread.join()  # the test's own timeout ends a callback that hangs
         for task, *_ in executor._tasks:
             # A goal that was accepted at the very end: its coroutine never began, and would warn when it is collected.
