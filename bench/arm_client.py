@@ -141,7 +141,7 @@ class ArmClient(GraphClient):
 
     def _send_to_start(self) -> bool:
         answer = self._ask(graph.arm_joint_angle(PAN), angle=START_RAD, rate=1.0, degrees=False)
-        return answer is not None and answer.status
+        return bool(answer is not None and answer.status)
 
     def play(self) -> None:
         """Start the replay."""
@@ -150,7 +150,7 @@ class ArmClient(GraphClient):
     def _starts_to_play(self) -> bool:
         answer = self._ask(graph.ARM_LIBRARY_PLAY, name=SEQUENCE, speed=1.0)
         # It also plays if the answer to an earlier request was lost.
-        return answer is not None and (answer.success or f"playing {SEQUENCE}" in answer.message)
+        return bool(answer is not None and (answer.success or f"playing {SEQUENCE}" in answer.message))
 
     def _ask(self, row: graph.Service, **fields: Any) -> Any:
         """Call a service; return its response, or None: one of a process that was killed stays discovered for 20 s."""
