@@ -26,6 +26,7 @@ from bench.processes import child_command, kill, terminate
 from lupin_runtime import graph
 from lupin_runtime.arm.library import StoredSequence, Waypoint
 from lupin_runtime.arm.messages import path_of
+from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.priority import request_realtime_scheduling
 from lupin_runtime.stack.runs import live_runs
 from lupin_runtime.teleop.events import BTN_EAST, BTN_NORTH, BTN_TL
@@ -47,6 +48,7 @@ MOVING_RADPS = 0.05
 AT_REST_RAD = 0.005
 WATCH_S = 3.5  # for a motion that goes on, or that a restarted process resumes
 BODY_TIMEOUT_S, MOVE_TIMEOUT_S = 40.0, 15.0
+ANSWER_TIMEOUT_S = 3.0
 
 
 def sequence() -> StoredSequence:
@@ -133,20 +135,36 @@ class ArmClient(GraphClient):
 
     def move_to_start(self) -> None:
         """Move the pan to START_RAD."""
-        self.until(lambda: self._service_moves_pan(), "the pan's service to move it", BODY_TIMEOUT_S)
+        self.until(self._send_to_start, "the pan's service to move it", BODY_TIMEOUT_S)
         self.until(lambda: abs(self.pans[-1][1] - START_RAD) < 0.05, "the pan at its start", MOVE_TIMEOUT_S)
         self.wait_for_rest()
 
-    def _service_moves_pan(self) -> bool:
-        return bool(self.call(graph.arm_joint_angle(PAN), angle=START_RAD, rate=1.0, degrees=False).status)
+    def _send_to_start(self) -> bool:
+        answer = self._ask(graph.arm_joint_angle(PAN), angle=START_RAD, rate=1.0, degrees=False)
+        return bool(answer is not None and answer.status)
 
     def play(self) -> None:
         """Start the replay."""
-        answer = self.until(lambda: self._accepted_replay(), "a replay that is accepted", BODY_TIMEOUT_S)
-        assert answer
+        self.until(self._starts_to_play, "a replay that is accepted", BODY_TIMEOUT_S)
 
-    def _accepted_replay(self) -> bool:
-        return bool(self.call(graph.ARM_LIBRARY_PLAY, name=SEQUENCE, speed=1.0).success)
+    def _starts_to_play(self) -> bool:
+        answer = self._ask(graph.ARM_LIBRARY_PLAY, name=SEQUENCE, speed=1.0)
+        # It also plays if the answer to an earlier request was lost.
+        return bool(answer is not None and (answer.success or f"playing {SEQUENCE}" in answer.message))
+
+    def _ask(self, row: graph.Service, **fields: Any) -> Any:
+        """Call a service; return its response, or None: one of a process that was killed stays discovered for 20 s."""
+        client = self._clients.setdefault(row.name, None) or self.node.client(row)
+        self._clients[row.name] = client
+        self.until(client.service_is_ready, f"server of {row.name}")
+        future = client.call_async(interface(row.type).Request(**fields))
+        deadline_s = time.monotonic() + ANSWER_TIMEOUT_S
+        while not future.done() and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        if not future.done():
+            client.remove_pending_request(future)
+            return None
+        return future.result()
 
     def body_pid(self) -> int:
         """Return the PID of the process `body`."""
@@ -274,6 +292,9 @@ def measure_replay(playing: str) -> int:
 
 
 def lateness_ms(pans: Any, waypoints: Any) -> Any:
-    """Return how much later than commanded the pan passed each waypoint. Both are rows of seconds and angles that increase."""
-    angles = np.maximum.accumulate(pans[:, 1])
-    return 1e3 * (np.interp(waypoints[:, 1], angles, pans[:, 0]) - waypoints[:, 0])
+    """Return how much later than commanded the pan passed each waypoint. Both are rows of seconds and angles that increase.
+
+    Of the last waypoints, which it may miss by the servo's resolution, this is when it was at its farthest.
+    """
+    angles, first = np.unique(np.maximum.accumulate(pans[:, 1]), return_index=True)
+    return 1e3 * (np.interp(waypoints[:, 1], angles, pans[first, 0]) - waypoints[:, 0])
