@@ -47,7 +47,7 @@ def velocities(graph_host: GraphHost, console: Console) -> list[float]:
 
 def speak(host: GraphHost, console: Console, tmp_path: Path, *words: str, typed: str = "") -> tuple[int, list[dict[str, Any]]]:
     """Run `lupin voice --json`, while the graph goes on; return its status and its replies."""
-    command = [sys.executable, "-m", "lupin_cli.app", "voice", "--json", "--url", f"http://127.0.0.1:{console.port}", *words]
+    command = [sys.executable, "-m", "lupin_cli.app", "voice", "--json", "--console", f"127.0.0.1:{console.port}", *words]
     environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
     with ThreadPoolExecutor(1) as pool:
         running = pool.submit(
