@@ -57,7 +57,7 @@ BESIDE_LOAD := tests
 test-graph-busy: setup
 	$(PY) -m tools.busy_loops 4 $(PY) -m pytest -q $(PYTEST_OPTIONS) -m "(graph or sim) and not host and not mission and $(LENGTH)" $(BESIDE_LOAD)
 
-# The page in Chromium against whole runs, about fifteen minutes.
+# The page in Chromium against whole runs, about twenty minutes.
 test-live: setup
 	$(PY) tools/build_page.py live
 

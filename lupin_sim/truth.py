@@ -125,6 +125,8 @@ class TruthRecorder:
             "twist": list(simulation.true_twist),
             "battery": simulation.battery,
             "estop_pressed": simulation.estop_pressed,
+            "servos_rad": list(simulation.servos.angles),
+            "led_color": list(simulation.led_color),
         }
         self._trajectory.flush()
         write_atomically(self._directory / STATE_FILE, json.dumps(state))

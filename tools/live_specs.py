@@ -1,8 +1,8 @@
 """Runs the specs of web/tests/live, the page in Chromium against a whole run: `python tools/build_page.py live [NAME...]`.
 
 The run drives in a small world, where a mission takes a minute. It begins with a fault that a person resets: navigation comes
-up after the mission gave up waiting for it. The run uses the console's usual ports. Its state is in a folder of its own, which
-is kept if a spec fails. All specs take about ten minutes and need the machine's cores for themselves.
+up after the mission gave up waiting for it. The run uses the console's usual ports. Its state and the arm's library are in a
+folder of its own, which is kept if a spec fails. All specs take about 18 minutes and need the machine's cores for themselves.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from pathlib import Path
 
 from bench.detached_run import start_run, stop_run
 from lupin_runtime import graph
+from lupin_runtime.arm.library import Library, StoredSequence, Waypoint, to_json
+from lupin_runtime.arm.store import default_path
 from lupin_runtime.console.description import read_description
 from lupin_runtime.console.voice_key import key_file, write_key
 from lupin_runtime.console.voice_token import SERVICE_VARIABLE
@@ -36,8 +38,9 @@ IMPATIENT_MISSION = (
     "-p",
     "MissionOrchestrator.monitoring_sweeps=1",
 )
-# What the voice service hears in the utterances of voice.spec.ts, one after the other.
-HEARD = ("where are you", "drive a little", "drive a little")
+# What the operator has the arm do by voice in tour.spec.ts: it leans aside, and comes back.
+UPRIGHT, ASIDE = (0.0, 0.0, 0.0, -1.57), (0.5, 0.0, 0.3, -1.2)
+SEQUENCE = "water"
 WAIT_TIMEOUT_S = 120.0
 SPECS_TIMEOUT_S = 1800.0
 _END_TIMEOUT_S = 20.0
@@ -71,8 +74,15 @@ def prepare_voice_service() -> list[str]:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     os.environ[SERVICE_VARIABLE] = f"http://127.0.0.1:{port}"
-    heard = [part for sentence in HEARD for part in ("--heard", sentence)]
-    return [sys.executable, "-m", "tests.support.live_server", "--port", str(port), *heard]
+    return [sys.executable, "-m", "tests.support.live_server", "--port", str(port)]
+
+
+def prepare_arm_library() -> None:
+    """Store a sequence of the arm."""
+    waypoints = (Waypoint(0.0, UPRIGHT), Waypoint(2.0, ASIDE), Waypoint(5.0, ASIDE), Waypoint(7.0, UPRIGHT))
+    library = Library(sequences={SEQUENCE: StoredSequence("teleop", False, waypoints[-1].t, waypoints)})
+    default_path().parent.mkdir(parents=True)
+    default_path().write_text(to_json(library))
 
 
 def run_specs(run: Run, chromium: str, names: Sequence[str]) -> int:
@@ -132,7 +142,8 @@ def main(names: Sequence[str]) -> int:
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     build()
     state = Path(tempfile.mkdtemp(prefix="lupin-live-"))
-    os.environ["XDG_STATE_HOME"] = str(state)
+    os.environ["XDG_STATE_HOME"], os.environ["XDG_CONFIG_HOME"] = str(state), str(state / "config")
+    prepare_arm_library()
     voice_service = prepare_voice_service()
     print(f"starting the stack, with its state in {state}", flush=True)
     run = start_run(UP)

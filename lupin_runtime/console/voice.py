@@ -13,6 +13,7 @@ The client sends one JSON object a message:
 * `{"closed": true}`: this page may not move the robot, for example as nobody has released it there; false ends it.
 * `{"say": {"id", "text", "language"}}` and `{"answer": {"id", "agrees"}}`: a sentence for the agent without a model, and a
   button that answers what it has read back. Each is a turn with this id.
+* `{"refused": {"name", "arguments", "reason"}}`: what the page itself has refused, for the journal.
 
 The server answers `{"result": {"id", "name", "response"}}` for each call, and sends `{"cut_off": reason}` if the agent is cut
 off, `{"stop_heard": text}` for a word for stopping, `{"heard": {"id", "text", "problem"}}` for a turn in speech, and for a

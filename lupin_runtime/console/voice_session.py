@@ -28,9 +28,10 @@ from lupin_runtime.voice.turns import TurnKind
 from lupin_runtime.voice.untrusted import clean
 
 INTERRUPTED = "interrupted: the operator or a stop came before it was done; ask for the state before going on"
+REFUSED_BY_PAGE = "by the page: {reason}"
 PAGE_CLOSED = "this page may not move the robot yet: the operator must hold its release button first"
 MAX_WAITING = 100  # calls; beyond that nothing more is read from the client
-_KINDS = "turn, call, cancel, alive, closed, listen, say, answer"
+_KINDS = "turn, call, cancel, alive, closed, listen, say, answer, refused"
 _MAX_ID = 200
 _MAX_MESSAGE = 100_000
 
@@ -121,6 +122,8 @@ class VoiceSession:
             self._offline.say(_identifier(body), body)
         elif kind == "answer":
             self._offline.answer(_identifier(body), body)
+        elif kind == "refused":
+            self._note_refusal(body)
         elif kind != "alive":
             raise BadMessage(f"unknown message {short_repr(kind)}; expected one of {_KINDS}")
 
@@ -138,6 +141,13 @@ class VoiceSession:
             self._hearing.drop_turn()
         if kinds[by] is TurnKind.SPEECH and ended:
             self._offline.end_speech(identifier)
+
+    def _note_refusal(self, body: Any) -> None:
+        """Write in the journal what the page itself has refused."""
+        name, reason = (body.get("name"), body.get("reason")) if isinstance(body, dict) else (None, None)
+        if not isinstance(name, str) or not isinstance(reason, str):
+            raise BadMessage("refused must be an object with a name and a reason, which are texts, and perhaps arguments")
+        self._record(clean(name), body.get("arguments", {}), REFUSED_BY_PAGE.format(reason=clean(reason)))
 
     # -- SessionCalls ---------------------------------------------------------------------------------------------------
     @property

@@ -81,8 +81,10 @@ class Rejected:
 
     @property
     def reason(self) -> str:
-        """Why it is not carried out, in words."""
-        return str(self.result.get("error") or f"read back: {self.result.get('confirm')}")
+        """Why it is not carried out, in words, with what engages the e-stop."""
+        error = str(self.result.get("error") or f"read back: {self.result.get('confirm')}")
+        stops = "; ".join(each["untrusted"] for each in self.result.get("reasons", ()))
+        return f"{error} ({stops})" if stops else error
 
 
 @dataclass(frozen=True)

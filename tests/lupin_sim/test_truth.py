@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from lupin_sim.engine import Simulation
+from lupin_sim.mirte import ARM_START_RAD
 from lupin_sim.scoring import read_tum
 from lupin_sim.truth import STATE_FILE, TRAJECTORY_FILE, TRUTH_FILE, TruthRecorder, truth
 from lupin_sim.worlds import load_world
@@ -28,6 +29,7 @@ def test_truth_describes_the_world() -> None:
 def test_recorder_writes_the_true_trajectory_and_state(tmp_path: Path) -> None:
     simulation = Simulation(load_world("demo"))
     recorder = TruthRecorder(simulation, tmp_path / "run")
+    simulation.set_leds(1, 2, 3)
     for _ in range(200):
         simulation.command_twist(0.3, 0.0, 0.2)
         simulation.step()
@@ -45,6 +47,8 @@ def test_recorder_writes_the_true_trajectory_and_state(tmp_path: Path) -> None:
     assert state["real_time_factor"] == 0.9
     assert state["collisions"] == 0
     assert state["last_collision"] is None
+    assert state["servos_rad"] == pytest.approx([*ARM_START_RAD, 0.0], abs=0.05)
+    assert state["led_color"] == list(simulation.led_color) != [0, 0, 0]
     assert state["distance_m"] == pytest.approx(0.58, abs=0.05)
     assert not list(run.glob(".*"))
 

@@ -55,6 +55,7 @@ class ScriptedMind:
 
 _METERS = re.compile(r"(?P<number>\d+(?:\.\d+)?|one|two|half a) meters?")
 _WORDS = {"one": 1.0, "two": 2.0, "half a": 0.5}
+_ASK_BATTERY = Call("query_state", {"fields": ["battery"]})
 _AGREES = re.compile(r"\b(yes|ja|do it|confirm)\b")
 
 
@@ -66,7 +67,13 @@ class GrammarMind:
         self._rules: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], list[Call]]], ...] = (
             (re.compile(r"\b(stop|halt)\b"), lambda _: [Call("stop"), Call("nav_cancel")]),
             (re.compile(r"\bemergency\b"), lambda _: [Call("engage_estop")]),
-            (re.compile(r"\b(where|state|battery)\b"), lambda _: [Call("query_state")]),
+            (re.compile(r"\bbattery\b"), lambda _: [_ASK_BATTERY]),
+            (re.compile(r"\b(where|state)\b"), lambda _: [Call("query_state")]),
+            (
+                re.compile(r"\bsave here as (?P<name>[\w ]+)"),
+                lambda m: [Call("save_named_location", {"name": m["name"].strip()})],
+            ),
+            (re.compile(r"\brun the sequence (?P<name>[\w-]+)"), lambda m: [Call("arm_run_sequence", {"name": m["name"]})]),
             (re.compile(r"\bdrive\b"), lambda _: [Call("drive", {"linear_x": 0.2, "duration_s": 1.0})]),
             (re.compile(r"\bgo to (?P<name>[\w ]+)"), lambda m: [Call("nav_goto_named", {"name": m["name"].strip()})]),
             (re.compile(r"\bforward\b"), lambda m: [Call("nav_forward", {"forward_m": _meters(m.string)})]),
@@ -87,6 +94,9 @@ class GrammarMind:
         for call in calls:
             response = yield call
             if response.get("ok"):
+                if call == _ASK_BATTERY and (battery := response.get("battery")):
+                    yield Say(f"The battery is at {100.0 * battery['percentage']:.0f} percent, {battery['voltage']:.1f} volts.")
+                    return
                 continue
             if confirm := response.get("confirm"):
                 self._pending = Call(call.name, {**call.arguments, "confirmation": response["confirmation"]})

@@ -2,8 +2,9 @@
 
     python -m tests.support.live_server --port 8765 --heard "where are you"
 
-It does not recognize speech: what an utterance means is the next of the given sentences. It is strict where the service is: an
-order of messages that the service refuses with 1007 is refused here too.
+It does not recognize speech: what an utterance means is the next of the given sentences, or of those that were posted since, to
+`/heard` as a JSON list. It is strict where the service is: an order of messages that the service refuses with 1007 is refused
+here too.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from tests.support.live_minds import Answer, Call, GrammarMind, Mind
 
 KEY = "a-made-up-key-for-tests-0123456789"
 MODELS = ("models/gemini-3.1-flash-live-preview", "models/gemini-3.8-live")
+HEARD_PATH = "/heard"
 KEY_SOCKET_PATH = "/ws/google.ai.generativelanguage.v1beta.GenerativeService.BidiGenerateContent"
 QUOTA = (1011, "You exceeded your current quota, please check your plan and billing details.")
 _RATE_HZ = 24_000
@@ -80,6 +82,7 @@ class LiveServer:
         """Listen on this computer, and return the address."""
         application = web.Application()
         application.router.add_post(TOKEN_PATH, self._mint)
+        application.router.add_post(HEARD_PATH, self._replace_heard)
         application.router.add_get(SOCKET_PATH, self._serve)
         application.router.add_get(KEY_SOCKET_PATH, self._serve)
         self._runner = web.AppRunner(application, access_log=None, shutdown_timeout=0.2)
@@ -130,6 +133,10 @@ class LiveServer:
                 raise Refusal(1008, "token was used before")
         if setup["model"] != found.model:
             raise Refusal(1008, "the token is for another model")
+
+    async def _replace_heard(self, request: web.Request) -> web.Response:
+        self._heard = [str(sentence) for sentence in parse_json(await request.text())]
+        return web.Response()
 
     # -- conversations ------------------------------------------------------------------------------------------------
     async def _serve(self, request: web.Request) -> web.StreamResponse:

@@ -12,7 +12,7 @@ import aiohttp
 import pytest
 
 from tests.support.live_minds import Call, GrammarMind, Mind, Say, ScriptedMind
-from tests.support.live_server import KEY, KEY_SOCKET_PATH, QUOTA, LiveServer
+from tests.support.live_server import HEARD_PATH, KEY, KEY_SOCKET_PATH, QUOTA, LiveServer
 
 SETUP: dict[str, Any] = {
     "model": "models/gemini-3.8-live",
@@ -110,6 +110,39 @@ def test_turn_in_speech_is_heard_called_and_answered() -> None:
 
     server = play(steps, heard=("where are you",))
     assert [len(each) for each in server.conversations[0].utterances] == [3200]
+
+
+def test_posted_sentences_are_heard_next() -> None:
+    async def steps(server: LiveServer, connect: Any) -> None:
+        async with aiohttp.ClientSession() as http:
+            (await http.post(f"{server.url}{HEARD_PATH}", json=["what is the battery", "yes"])).raise_for_status()
+        client = await connect()
+        await client.send(START, END)
+        call = await client.until(is_call)
+        assert call["toolCall"]["functionCalls"][0]["args"] == {"fields": ["battery"]}
+        await client.send(answer(call, {"ok": True, "battery": {"voltage": 12.04, "percentage": 0.9}}))
+        await client.done()
+
+    server = play(steps, heard=("lights blue",))
+    assert server.conversations[0].turns == ["what is the battery"] and server.transcribe() == "yes"
+
+
+def test_mind_says_the_number_of_the_battery() -> None:
+    said = GrammarMind().answer("what is the battery")
+    assert next(said) == Call("query_state", {"fields": ["battery"]})
+    response = {"ok": True, "battery": {"voltage": 12.04, "percentage": 0.9}}
+    assert said.send(response) == Say("The battery is at 90 percent, 12.0 volts.")
+
+
+@pytest.mark.parametrize(
+    ("sentence", "call"),
+    [
+        ("save here as sink", Call("save_named_location", {"name": "sink"})),
+        ("run the sequence water", Call("arm_run_sequence", {"name": "water"})),
+    ],
+)
+def test_mind_calls_with_the_name_that_was_said(sentence: str, call: Call) -> None:
+    assert next(GrammarMind().answer(sentence)) == call
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ import pytest
 
 from lupin_runtime import graph
 from lupin_runtime.console.command_era import OUTDATED
-from lupin_runtime.console.voice_session import INTERRUPTED
+from lupin_runtime.console.voice_session import INTERRUPTED, PAGE_CLOSED
+from lupin_runtime.voice.envelope import ESTOPPED
 from lupin_runtime.voice.listener_protocol import Kind
 from tests.support.voice_rig import Rig, run, settle
 
@@ -290,3 +291,26 @@ def test_page_that_was_not_released_moves_nothing() -> None:
         assert rig.responses()["c"]["ok"]
 
     run(test)
+
+
+def test_refusals_of_page_and_envelope_are_in_the_journal() -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(refused={"name": "drive", "arguments": {"linear_x": 0.2}, "reason": "the page shows the past\n"})
+        rig.send(refused={"name": "say", "reason": "the page shows the past"})
+        rig.send(closed=True)
+        rig.call("a", "drive", linear_x=0.2, duration_s=2)
+        await settle()
+
+    recorded = run(test).bridge.recorded
+    assert ("voice drive {'linear_x': 0.2}", "by the page: the page shows the past") in recorded
+    assert ("voice say {}", "by the page: the page shows the past") in recorded
+    assert [refused for what, refused in recorded if "duration_s" in what] == [f"{ESTOPPED} ({PAGE_CLOSED})"]
+
+
+@pytest.mark.parametrize("body", [None, [], {"name": "drive"}, {"name": 1, "reason": "no"}, {"name": "drive", "reason": {}}])
+def test_malformed_refusal_of_a_page_is_not_journaled(body: Any) -> None:
+    async def test(rig: Rig) -> None:
+        rig.send(refused=body)
+
+    rig = run(test)
+    assert rig.bridge.recorded == [] and "refused must be" in rig.messages("error")[0]

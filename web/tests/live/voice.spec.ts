@@ -1,14 +1,15 @@
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { type Page, expect, test } from "@playwright/test";
-import { openLive, takeControl, untilAtRest, untilMoving } from "../support/live";
+import { type Language, expectReadable } from "../support/language";
+import { CONSOLE, openLive, takeControl, untilAtRest, untilMoving, willHear } from "../support/live";
 import { hold } from "../support/page";
 import { writeSpeech } from "../support/speech_wav";
 
 const SPEECH = path.join(tmpdir(), `lupin-speech-${process.pid}.wav`);
 writeSpeech(SPEECH, 1.6, 2.4);
 
-// The browser's microphone plays a file. The voice service is the server of tools/live_specs.py, which has sentences for what it hears.
+// The browser's microphone plays a file. The voice service is the server of tools/live_specs.py, which is told what it hears.
 test.use({
   launchOptions: {
     executablePath: process.env["LUPIN_CHROMIUM"] ?? "/usr/bin/chromium",
@@ -29,10 +30,19 @@ async function talk(page: Page): Promise<void> {
   await page.mouse.up();
 }
 
+/** Open the tab in a language; the texts by which `openLive` waits are English. */
+async function openVoiceOffline(page: Page, language: Language): Promise<void> {
+  await page.addInitScript(() => sessionStorage.setItem("lupin-booted", "1"));
+  await page.goto(`${CONSOLE}/#voice`);
+  await page.getByRole("combobox", { name: language === "en" ? "Voice agent" : "Spraakassistent" }).selectOption("offline");
+  await expect(page.getByTestId("voice-state")).toHaveAttribute("data-state", /off|stopped/);
+}
+
 const tools = (page: Page) => page.getByRole("region", { name: "Tools that were called" });
 const transcript = (page: Page) => page.getByRole("region", { name: "What was said" });
 
 test("the robot is asked, driven and stopped by voice", async ({ page }) => {
+  await willHear(["where are you", "drive a little", "drive a little"]);
   const errors = await openLive(page, "voice");
   await expect(page.getByText("Stored by the console.")).toBeVisible();
   await takeControl(page);
@@ -64,6 +74,7 @@ test("the robot is asked, driven and stopped by voice", async ({ page }) => {
 });
 
 test("an open microphone makes turns of what it hears", async ({ page }) => {
+  await willHear([]);
   const errors = await openLive(page, "voice");
   await page.getByRole("radio", { name: "Open microphone" }).click();
   await page.getByRole("button", { name: "Start", exact: true }).click();
@@ -71,3 +82,22 @@ test("an open microphone makes turns of what it hears", async ({ page }) => {
   await expect(transcript(page)).toContainText("I did not understand that.");
   expect(errors).toEqual([]);
 });
+
+for (const [width, height] of [[390, 844], [1440, 900]] as const) {
+  for (const language of ["en", "nl"] as const) {
+    test(`the agent without a model is readable at ${width} px in ${language}`, async ({ page }) => {
+      await page.setViewportSize({ width, height });
+      await page.addInitScript((chosen) => localStorage.setItem("lupin-language", chosen), language);
+      await openVoiceOffline(page, language);
+      await expectReadable(page, language, "before the start");
+      await page.screenshot({ path: test.info().outputPath("before.png"), fullPage: true });
+      await page.getByRole("button", { name: language === "en" ? "Start" : "Starten", exact: true }).click();
+      await untilState(page, "listening");
+      await page.getByRole("textbox").first().fill("what is the battery");
+      await page.keyboard.press("Enter");
+      await expect(page.getByText("query_state", { exact: true })).toBeVisible();
+      await expectReadable(page, language, "after an answer");
+      await page.screenshot({ path: test.info().outputPath("answered.png"), fullPage: true });
+    });
+  }
+}

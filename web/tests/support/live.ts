@@ -18,6 +18,35 @@ export function speed(): number {
   return Math.max(...read<{ twist: number[] }>("sim_state.json").twist.map(Math.abs));
 }
 
+/** What the simulator wrote last, within about a second: the true pose, what the servos measure, the strip's color, and the charge. */
+export interface Truth {
+  pose: { x: number; y: number; yaw: number };
+  servos_rad: number[];
+  led_color: number[];
+  battery: number;
+}
+
+export function truth(): Truth {
+  return read<Truth>("sim_state.json");
+}
+
+/** The world of the simulator: where the robot began, which is the origin of its map, and its tags. */
+export function world(): { start: { x: number; y: number; yaw: number }; tags: { id: number; x: number; y: number }[] } {
+  return read("truth.json");
+}
+
+/** What the console has journaled. */
+export function journal(): { what: string; refused?: string }[] {
+  const lines = readFileSync(path.join(RUN, "console_commands.jsonl"), "utf8").trim().split("\n");
+  return lines.map((line) => JSON.parse(line) as { what: string; refused?: string });
+}
+
+/** Tell the voice service what it hears in the next utterances. */
+export async function willHear(sentences: readonly string[]): Promise<void> {
+  const answer = await fetch(`${process.env["LUPIN_VOICE_SERVICE"] ?? ""}/heard`, { method: "POST", body: JSON.stringify(sentences) });
+  expect(answer.ok).toBe(true);
+}
+
 export async function untilMoving(): Promise<void> {
   await expect.poll(speed, { message: "the robot moves" }).toBeGreaterThan(0.05);
 }

@@ -159,6 +159,11 @@ export class ConsoleLink {
     this.send({ closed: isClosed });
   }
 
+  /** Have the console write in its journal what this page has refused, and why. */
+  noteRefusal(name: string, args: Record<string, unknown>, reason: string): void {
+    this.send({ refused: { name, arguments: args, reason } });
+  }
+
   private requestListening(): void {
     if (this.listening === null) return;
     const { mode, startLevel, endLevel } = this.listening;

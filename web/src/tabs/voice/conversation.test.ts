@@ -120,12 +120,13 @@ describe("a call of the model", () => {
     expect(view().calls).toMatchObject([{ tool: "query_state", state: "done", byOperator: false }]);
   });
 
-  it("that this page refuses does not reach the console", async () => {
+  it("that this page refuses is no call at the console, but stands in its journal", async () => {
     const { conversation, live, desk } = await begun({ refusal: () => ({ ok: false, blocked: true, error: "the page is stopped" }) });
     conversation.say("go");
-    live.deliver(call("1", "drive"));
+    live.deliver(call("1", "drive", { linear_x: 0.2 }));
     await vi.advanceTimersByTimeAsync(0);
     expect(calls(desk)).toEqual([]);
+    expect(desk.sent.at(-1)).toEqual({ refused: { name: "drive", arguments: { linear_x: 0.2 }, reason: "the page is stopped" } });
     expect(view().calls).toMatchObject([{ state: "refused", result: { error: "the page is stopped" } }]);
     expect(kinds(live).at(-1)).toBe("toolResponse");
   });

@@ -106,6 +106,10 @@ export class Conversation implements Talk {
     this.console.listen(listening);
   }
 
+  noteRefusal(name: string, args: Record<string, unknown>, reason: string): void {
+    this.console.noteRefusal(name, args, reason);
+  }
+
   overhear(frame: Int16Array): void {
     this.console.sendSound(frame);
   }
@@ -264,7 +268,10 @@ export class Conversation implements Talk {
     const { id, name: tool, args } = call;
     this.show({ calls: withCall(this.view.calls, { id, tool, args, state: "running", result: null, byOperator }) });
     const refusal = this.parts.refusal(call);
-    if (refusal !== null && this.turn !== null) this.turn.refusals += 1;
+    if (refusal !== null) {
+      if (this.turn !== null) this.turn.refusals += 1;
+      this.noteRefusal(tool, args, String(refusal["error"]));
+    }
     const result = refusal ?? (await this.console.call(call));
     const { [CONFIRMATION]: _, ...withoutToken } = args;
     const state = outcome(result);

@@ -108,6 +108,10 @@ export class OfflineConversation implements Talk {
     this.console.listen(listening);
   }
 
+  noteRefusal(name: string, args: Record<string, unknown>, reason: string): void {
+    this.console.noteRefusal(name, args, reason);
+  }
+
   overhear(frame: Int16Array): void {
     this.console.sendSound(frame);
   }

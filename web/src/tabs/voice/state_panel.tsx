@@ -111,6 +111,7 @@ function About({ state, by, mode, view, text }: { state: VoiceState; by: Credent
   if (state === "listening") return text(`voice_about_listening_${mode}`);
   if (state === "typing" && view.isTypedOnly) return text("voice_about_typing_only");
   if (state === "off" && by === "offline") return text("voice_about_off_offline");
+  if (state === "speaking" && by === "offline" && mode === "open") return text("voice_about_speaking_offline");
   if (state === "thinking" && by === "offline") return text("voice_about_thinking_offline");
   if (state !== "refused") return text(`voice_about_${state}`);
   const [before = "", after = ""] = text("voice_about_refused", { reason: "\n" }).split("\n");

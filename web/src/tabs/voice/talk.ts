@@ -22,6 +22,8 @@ export interface Talk {
   playing(isPlaying: boolean): void;
   /** Have the console hear the microphone; null ends it. */
   listen(listening: Listening | null): void;
+  /** Have the console write in its journal what this page has refused, and why, in English. */
+  noteRefusal(name: string, args: Record<string, unknown>, reason: string): void;
   /** Each frame of the microphone, for the console. */
   overhear(frame: Int16Array): void;
 }

@@ -1,8 +1,9 @@
 // @vitest-environment jsdom
 import { afterEach, beforeEach, expect, it, vi } from "vitest";
+import { LIVE, useRewind } from "@/state/rewind";
 import { changeSettings } from "@/state/settings";
 import { FakeSocket } from "./live/fake_socket";
-import { beginTalk, endTalk, endVoice, startVoice } from "./voice_session";
+import { beginTalk, endTalk, endVoice, say, startVoice } from "./voice_session";
 import { EMPTY_VIEW, useVoice } from "./voice_store";
 
 const parts = vi.hoisted(() => ({ take: (_frame: Int16Array) => {}, desk: null as unknown }));
@@ -41,6 +42,7 @@ beforeEach(async () => {
   desk.open();
 });
 afterEach(() => {
+  useRewind.setState(LIVE);
   endVoice();
   vi.unstubAllGlobals();
   vi.restoreAllMocks();
@@ -98,4 +100,10 @@ it("in Dutch only stops are heard, as speech is recognized in English", async ()
   expect(desk.sent.at(-1)).toMatchObject({ listen: { mode: "stops" } });
   beginTalk();
   expect(turns()).toBe(0);
+});
+
+it("what a page that shows the past refuses stands in the console's journal", () => {
+  useRewind.setState({ shownS: 1 });
+  say("go to the sink");
+  expect(desk.sent.at(-1)).toMatchObject({ refused: { name: "say", arguments: { text: "go to the sink" }, reason: expect.stringContaining("past") } });
 });

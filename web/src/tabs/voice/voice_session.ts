@@ -183,7 +183,7 @@ let session: VoiceSession | null = null;
 
 /** Begin a conversation. To be called by a gesture. */
 export function startVoice(by: Credential): void {
-  if (session !== null || !mayCommand()) return;
+  if (session !== null || !mayCommand("start")) return;
   session = new VoiceSession(by);
   void session.start();
 }
@@ -195,7 +195,7 @@ export function endVoice(): void {
 }
 
 export function beginTalk(): void {
-  if (mayCommand()) session?.beginTalk();
+  if (mayCommand("talk")) session?.beginTalk();
 }
 
 export function endTalk(): void {
@@ -203,11 +203,11 @@ export function endTalk(): void {
 }
 
 export function say(text: string): void {
-  if (mayCommand()) session?.conversation.say(text);
+  if (mayCommand("say", { text })) session?.conversation.say(text);
 }
 
 export function confirmReadBack(): void {
-  if (mayCommand()) session?.conversation.confirm();
+  if (mayCommand("confirm")) session?.conversation.confirm();
 }
 
 export function refuseReadBack(): void {
@@ -238,15 +238,21 @@ function isClosed(): boolean {
   }
 }
 
-/** Whether this page may command now; says why not. */
-function mayCommand(): boolean {
+/** Whether this page may command now; says why not, also in the console's journal. */
+function mayCommand(what: string, args: Record<string, unknown> = {}): boolean {
   try {
     refuseCommand({});
     return true;
   } catch (error) {
+    if (error instanceof CommandRefused) session?.conversation.noteRefusal(what, args, inEnglish(error));
     showProblem(error);
     return false;
   }
+}
+
+/** The reason of a refusal for the model and the journal. */
+function inEnglish({ phrase, message }: CommandRefused): string {
+  return phrase === null ? message : textIn("en", phrase.key, phrase.values);
 }
 
 /** Why this page may not have a call carried out now, for the model; null where the console decides. */
@@ -257,8 +263,8 @@ function refusal({ name, args }: FunctionCall): ToolResult | null {
   try {
     refuseCommand({});
   } catch (error) {
-    if (!(error instanceof CommandRefused) || error.phrase === null) throw error;
-    return { ok: false, error: textIn("en", error.phrase.key, error.phrase.values) };
+    if (!(error instanceof CommandRefused)) throw error;
+    return { ok: false, error: inEnglish(error) };
   }
   const isGated = rule === "estop" || (rule === "estop_on_start" && args["action"] === "start");
   // As at the sticks: what this page has not released, it moves by no other way.

@@ -1,0 +1,240 @@
+/**
+ * A tour by voice: the browser's microphone plays a file of spoken sentences, once, and each must have its effect in the
+ * simulator before the next begins. What was said, called and read back is written to the output folder, with pictures.
+ */
+import { writeFileSync } from "node:fs";
+import { type Browser, type Page, type TestInfo, chromium, expect, test } from "@playwright/test";
+import { journal, openLive, sentence, staysAtRest, takeControl, truth, untilAtRest, willHear, world } from "../support/live";
+import { type Spoken, canSpeak, writeSentences } from "../support/speech_wav";
+
+/** Silence before the first sentence, in which the robot goes home and the console's listener starts. */
+const LEAD_S = 40;
+/** Before the fence, from where the robot sees tag 5; in the world's frame. */
+const BEFORE_TAG = { x: 3.4, y: 1.0 };
+const TAG = 5;
+const NEAR_M = 0.3;
+const SEQUENCE = "water";
+
+interface Step {
+  say: string;
+  /** What a voice service would write of it, where that differs. */
+  heard?: string;
+  /** Silence after it: for what it begins, and for the answer, in which the console hears no turn. */
+  pauseS: number;
+  /** Wait for what it must do. */
+  until: (page: Page) => Promise<void>;
+}
+
+const transcript = (page: Page) => page.getByRole("region", { name: "What was said" });
+const tools = (page: Page) => page.getByRole("region", { name: "Tools that were called" });
+const distanceM = (to: { x: number; y: number }) => Math.hypot(truth().pose.x - to.x, truth().pose.y - to.y);
+
+async function untilNear(place: { x: number; y: number }, timeout: number): Promise<void> {
+  await expect.poll(() => distanceM(place), { message: "the robot is at its goal", timeout }).toBeLessThan(NEAR_M);
+  await untilAtRest();
+}
+
+async function untilReadBack(page: Page, text: string): Promise<void> {
+  await expect(page.getByTestId("voice-confirm")).toContainText(text);
+}
+
+async function untilDriven(page: Page): Promise<void> {
+  await expect.poll(() => distanceM(world().start), { message: "the robot has driven" }).toBeGreaterThan(0.1);
+  await expect(tools(page)).toContainText("linear_x 0.2");
+  await untilAtRest();
+}
+
+async function untilAskedAgain(page: Page): Promise<void> {
+  await expect(transcript(page).locator("li").filter({ hasText: "Agent" }).last()).toContainText("Say, for example");
+  await staysAtRest(page);
+}
+
+async function untilSaved(page: Page): Promise<void> {
+  const { start } = world();
+  const saved = () => page.evaluate(async () => ((await (await fetch("/_api/locations")).json()) as Record<string, { x: number; y: number }>)["sink"] ?? null);
+  await expect.poll(saved, { message: "the location sink" }).not.toBeNull();
+  const sink = await saved();
+  // The map's origin is where the robot began.
+  expect(distanceM({ x: start.x + (sink?.x ?? 0), y: start.y + (sink?.y ?? 0) })).toBeLessThan(NEAR_M);
+}
+
+async function untilSequenceRan(): Promise<void> {
+  const pan = () => truth().servos_rad[0] ?? 0;
+  await expect.poll(pan, { message: "the arm leans aside", intervals: [200] }).toBeGreaterThan(0.4);
+  await expect.poll(pan, { message: "the arm is back", intervals: [200] }).toBeLessThan(0.1);
+}
+
+async function untilBlue(): Promise<void> {
+  await expect.poll(() => truth().led_color, { message: "the strip is blue" }).toEqual([0, 0, 255]);
+}
+
+/** The answer has the charge: in percent, or as the share that the console says. */
+async function untilCharged(page: Page): Promise<void> {
+  const answer = transcript(page).locator("li").filter({ hasText: /percent/ }).last();
+  await expect(answer).toContainText(/\d+ percent\b|percentage [\d.]+/);
+  const [, percent, share] = /(\d+) percent\b|percentage ([\d.]+)/.exec(await answer.innerText()) ?? [];
+  expect(Math.abs((percent === undefined ? Number(share) : Number(percent) / 100) - truth().battery)).toBeLessThan(0.02);
+}
+
+async function untilStopped(page: Page): Promise<void> {
+  await expect(page.getByTestId("stop")).toContainText("Stopped");
+  await expect(transcript(page)).toContainText("Stop, as this was heard");
+  await untilAtRest();
+  expect(journal().some(({ what }) => what.startsWith("voice stop heard"))).toBe(true);
+}
+
+const GO = { say: "go to tag five", heard: "go to tag 5", until: (page: Page) => untilReadBack(page, "tag 5") };
+const ARRIVE = { say: "yes", until: () => untilNear(BEFORE_TAG, 60_000) };
+const SAVE = { say: "save here as sink", until: untilSaved };
+const RUN = { say: `run the sequence ${SEQUENCE}`, until: (page: Page) => untilReadBack(page, SEQUENCE) };
+const PLAY = { say: "yes", until: untilSequenceRan };
+const BLUE = { say: "lights blue", until: untilBlue };
+const BATTERY = { say: "what is the battery", until: untilCharged };
+const STOP = { say: "stop", pauseS: 15, until: untilStopped };
+
+const WITH_MODEL: readonly Step[] = [
+  { say: "drive a little", pauseS: 12, until: untilDriven },
+  { ...GO, pauseS: 10 },
+  { ...ARRIVE, pauseS: 45 },
+  { ...SAVE, pauseS: 10 },
+  { ...RUN, pauseS: 10 },
+  { ...PLAY, pauseS: 22 },
+  { ...BLUE, pauseS: 8 },
+  { ...BATTERY, pauseS: 8 },
+  STOP,
+];
+
+/** The grammar asks how far "a little" is. "Go" is understood better than "drive", of which browsers filter the first sound. */
+const OFFLINE: readonly Step[] = [
+  { say: "drive a little", pauseS: 26, until: untilAskedAgain },
+  { say: "go forward at point two metres per second for one second", pauseS: 20, until: untilDriven },
+  { ...GO, pauseS: 16 },
+  { ...ARRIVE, pauseS: 50 },
+  { ...SAVE, pauseS: 20 },
+  { ...RUN, pauseS: 16 },
+  { ...PLAY, pauseS: 28 },
+  { ...BLUE, pauseS: 18 },
+  { ...BATTERY, pauseS: 18 },
+  STOP,
+];
+
+/** Writes down what the tab shows, as it comes. */
+class Minutes {
+  private readonly lines: string[] = [];
+  private entries = 0;
+  private calls = 0;
+
+  constructor(
+    private readonly page: Page,
+    private readonly begunMs: number,
+  ) {}
+
+  async note(said: string, atS: number): Promise<void> {
+    const time = `${Math.floor(atS / 60)}:${String(Math.floor(atS % 60)).padStart(2, "0")}`;
+    const entries = await this.rows(transcript(this.page));
+    const calls = (await this.rows(tools(this.page))).toReversed();
+    this.lines.push(`${time} microphone: ${said}`, ...entries.slice(this.entries).map((row) => `     ${row}`), ...calls.slice(this.calls).map((row) => `     tool: ${row}`));
+    [this.entries, this.calls] = [entries.length, calls.length];
+  }
+
+  get nowS(): number {
+    return (Date.now() - this.begunMs) / 1000;
+  }
+
+  get text(): string {
+    return `${this.lines.join("\n")}\n`;
+  }
+
+  /** The rows of a list, each on one line. */
+  private async rows(list: ReturnType<typeof transcript>): Promise<string[]> {
+    return (await list.locator("li").allInnerTexts()).map((row) => row.trim().replace("\n", ": ").replaceAll(/\s*\n\s*/g, "; "));
+  }
+}
+
+/** Reset the fault of the run's first mission: while it stands, the strip is red, whatever color was asked for. */
+async function resetFault(page: Page): Promise<void> {
+  await page.locator("#tab-map").click();
+  if (await page.getByText("Mission ended by a fault").first().isVisible()) {
+    await page.getByRole("button", { name: "Reset the fault" }).click();
+    await expect(sentence(page)).toContainText("Ready for a mission");
+  }
+  await page.locator("#tab-voice").click();
+}
+
+async function type(page: Page, text: string): Promise<void> {
+  await page.getByLabel("Type to the agent").fill(text);
+  await page.getByRole("button", { name: "Send" }).click();
+}
+
+/** Whatever other specs did, have another color than that of a robot at rest, and go to where the robot began, by typed sentences. */
+async function begin(page: Page): Promise<void> {
+  await type(page, "lights white");
+  await expect.poll(() => truth().led_color, { message: "the strip is white" }).toEqual([255, 255, 255]);
+  if (distanceM(world().start) < NEAR_M) return;
+  await type(page, "go to home");
+  await page.getByRole("button", { name: "Confirm" }).click();
+  await untilNear(world().start, 1000 * LEAD_S);
+}
+
+async function saveTag(page: Page): Promise<void> {
+  const { start, tags } = world();
+  const tag = tags.find(({ id }) => id === TAG);
+  if (tag === undefined) throw new Error(`the world has no tag ${TAG}`);
+  const pose = { x: BEFORE_TAG.x - start.x, y: BEFORE_TAG.y - start.y, yaw: Math.atan2(tag.y - BEFORE_TAG.y, tag.x - BEFORE_TAG.x) };
+  const status = await page.evaluate(async (body) => (await fetch("/_api/locations", { method: "POST", headers: { "Content-Type": "application/json" }, body })).status, JSON.stringify({ name: `tag ${TAG}`, pose }));
+  expect(status).toBe(200);
+}
+
+async function take(page: Page, steps: readonly Step[], spoken: readonly Spoken[], info: TestInfo): Promise<void> {
+  await page.getByRole("radio", { name: "Open microphone" }).click();
+  await page.getByRole("button", { name: "Start", exact: true }).click();
+  await expect(page.getByTestId("voice-stops")).toBeVisible();
+  const minutes = new Minutes(page, Date.now());
+  try {
+    await begin(page);
+    await expect(page.getByTestId("voice-stops")).toHaveAttribute("data-state", "ready");
+    await minutes.note("(silence; typed)", 0);
+    for (const [index, step] of steps.entries()) {
+      const { beginS = 0, endS = 0 } = spoken[index] ?? {};
+      expect(minutes.nowS, `before "${step.say}" is said`).toBeLessThan(beginS);
+      await page.waitForTimeout(1000 * (endS - minutes.nowS));
+      await step.until(page);
+      // The answer comes after the effect.
+      await page.waitForTimeout(3000);
+      await minutes.note(step.say, beginS);
+      await page.screenshot({ path: info.outputPath(`${index + 1}-${step.say.replaceAll(" ", "-")}.png`) });
+    }
+  } finally {
+    await minutes.note("(end)", minutes.nowS);
+    writeFileSync(info.outputPath("transcript.txt"), minutes.text);
+  }
+}
+
+for (const engine of ["model", "offline"] as const) {
+  test(`a spoken tour has its effects in the simulator: ${engine}`, async () => {
+    const info = test.info();
+    test.skip(!canSpeak(), "needs espeak-ng: apt-get install espeak-ng");
+    test.setTimeout(480_000);
+    const steps = engine === "model" ? WITH_MODEL : OFFLINE;
+    const file = info.outputPath("speech.wav");
+    const spoken = writeSentences(file, LEAD_S, steps.map(({ say, pauseS }) => ({ text: say, pauseS })));
+    await willHear(steps.map(({ say, heard }) => heard ?? say));
+    let browser: Browser | null = null;
+    try {
+      browser = await chromium.launch({
+        executablePath: process.env["LUPIN_CHROMIUM"] ?? "/usr/bin/chromium",
+        args: ["--no-sandbox", "--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream", `--use-file-for-fake-audio-capture=${file}%noloop`],
+      });
+      const page = await browser.newPage({ viewport: { width: 1440, height: 900 } });
+      const errors = await openLive(page, "voice");
+      await takeControl(page);
+      await resetFault(page);
+      await saveTag(page);
+      await page.getByRole("combobox", { name: "Voice agent" }).selectOption(engine === "model" ? "auto" : "offline");
+      await take(page, steps, spoken, info);
+      expect(errors).toEqual([]);
+    } finally {
+      await browser?.close();
+    }
+  });
+}
