@@ -286,7 +286,7 @@ class ArmLibraryServer(ArmNode):
             return ESTOP_ENGAGED
         if activity.stop_count != self.motion.stop_count:
             return "the arm was stopped"
-        held_up_s = (now_ns - before_ns) / 1e9
+        held_up_s = 0.0 if self.simulated_time else (now_ns - before_ns) / 1e9  # a simulation may pause, and its arm with it
         # The arm's guard may have held the arm meanwhile.
         return f"this process was held up for {held_up_s:.1f} s" if held_up_s > HELD_UP_S else ""
 

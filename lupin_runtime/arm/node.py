@@ -175,12 +175,13 @@ class GripperActionBridge(ArmNode):
                 for undo in (previous.undone() for previous in reversed(done)):
                     if undo is None:
                         continue
-                    # The controller's set-point has gone on behind the closed gate, and the arm would jump to it.
-                    unknown, _ = await self._execute(HOLD)
+                    # The controller's set-point has gone on behind the closed gate, and the arm would jump to it. Until the
+                    # gate is open again, no other command may move it on.
+                    was, self.motion.torque = self.motion.torque, False
+                    unknown = (await self._execute(HOLD))[0] or (await self._execute(undo))[0]
                     if unknown:
-                        self.motion.torque = False
                         return False, f"{failure}, and {unknown}: the arm takes no commands; switch its torque on"
-                    await self._execute(undo)
+                    self.motion.torque = was
                 return False, failure
             done.append(step)
             if step.row is graph.VENDOR_TORQUE:

@@ -31,7 +31,8 @@ class NodeExecutor(SingleThreadedExecutor):
     def __init__(self) -> None:
         self._has_changed = True  # entities were created or destroyed
         self._entities: _Entities | None = None
-        self.all_due_s = 0.0  # when all entities are left to rclpy once
+        self.all_due_s = 0.0  # when rclpy looks at all that is not called here
+        self._leaves_own = False  # while rclpy looks only at what is not called here
         super().__init__()
 
     def wake(self) -> None:
@@ -43,6 +44,21 @@ class NodeExecutor(SingleThreadedExecutor):
         """Add a node."""
         self._has_changed = True
         return bool(super().add_node(node))
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether rclpy may handle an entity.
+
+        It handles one at a time, timers and subscriptions first: one that is always ready would keep it from the services.
+        """
+        is_own = self._leaves_own and self._entities is not None and entity in self._entities.own
+        return not is_own and bool(super().can_execute(entity))
+
+    def _leave_to_rclpy(self) -> None:
+        self._leaves_own = True
+        try:
+            super().spin_once(0.0)
+        finally:
+            self._leaves_own = False
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for events and handle them; at most one of those that are rclpy's."""
@@ -56,7 +72,7 @@ class NodeExecutor(SingleThreadedExecutor):
         self._cb_iter = None
         if time.monotonic() >= self.all_due_s:
             self.all_due_s = time.monotonic() + _QOS_EVENTS_PERIOD_S
-            super().spin_once(0.0)
+            self._leave_to_rclpy()
             return
         if self._has_changed or self._entities is None:
             self._has_changed = False  # first: what changes from here on is collected the next time
@@ -73,7 +89,7 @@ class NodeExecutor(SingleThreadedExecutor):
         for callback in callbacks:
             callback()
         if has_other:
-            super().spin_once(0.0)
+            self._leave_to_rclpy()
 
 
 class _Entities:
@@ -125,6 +141,12 @@ class _Entities:
             ("service", {each.handle.pointer: None for each in services}),
         )
         self._guards = guards
+        called = {pointer for _, calls in self._calls for pointer, call in calls.items() if call is not None}
+        self.own = {
+            each
+            for each in (*timers, *subscriptions, *guards)
+            if each.handle.pointer in called and not inspect.iscoroutinefunction(each.callback)
+        }
         self._held = (*(handle for _, handle in self._added), *self._waitables, context)
 
     def wait(self, timeout_ns: int) -> tuple[list[Callable[[], object]], bool]:

@@ -19,11 +19,14 @@ from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import EXPIRY_S, ConsoleStop
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, ButtonSilence, EstopSources, EstopState
 from lupin_runtime.safety.expected_sources import BUTTON, tells_of_no_press
-from lupin_runtime.safety.listening import LISTEN_S, SHORT_LISTEN_S, Listening
 from lupin_runtime.safety.missed_press import ANSWER_S, MissedPress
 from lupin_runtime.safety.unheard_press import REPORT_PERIOD_S, PressCounter
 
 SLOWEST_HZ = 0.5
+# Two periods of a console.
+SHORT_LISTEN_S = 1.0
+# Through a discovery server, a first sample usually takes up to 3.3 s; then a period of a console.
+LISTEN_S = 4.0
 WARNING_PERIOD_S = 30.0
 
 
@@ -32,7 +35,7 @@ class EstopBridge(LupinNode):
 
     It publishes released only after it has heard every one of its `expected_sources`, and not within `listen_s` of its start,
     because there may also be sources that it cannot expect: the console of another machine. SHORT_LISTEN_S is enough if
-    `estop_witness`, which has listened by the rules of Listening, says that nothing is missed.
+    `estop_witness`, which has listened for at least `listen_s`, says that nothing is missed.
 
     It publishes engaged as soon as a source holds the stop, and after `listen_s` if it has not heard every expected source.
     Until then it is silent, which locks the drive bus as well, so that a restart does not end a mission.
@@ -140,11 +143,10 @@ class EstopWitness(LupinNode):
     It is also true while the button is silent that was received before, because a bridge that has just been started knows
     nothing of that; and from when the bridge is gone while the button is held, or while a lost console has left its stop, until
     that ends. A bridge that is engaged only because it has not heard every source has not responded to a press. The first
-    message is false only once this node has listened by the rules of Listening, so that it has probably discovered what it
-    reports about.
+    message is false only after `listen_s`, so that this node has probably discovered what it reports about.
 
     Parameters, the same as those of `estop_bridge`: `engaged_value`, `listen_s`, `hmi_expiry_s`, `hmi_silence_engages`,
-    `button_silence_s`, `button_silence_engages`. And `own_server`: whether this computer's discovery server has all names.
+    `button_silence_s`, `button_silence_engages`.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -162,9 +164,7 @@ class EstopWitness(LupinNode):
             silence_engages=self.parameter("hmi_silence_engages", True),
         )
         self._console_server = ConsoleServerStop()
-        self._listening = Listening(
-            self.monotonic_ns(), self.parameter("listen_s", LISTEN_S), self.parameter("own_server", False)
-        )
+        self._false_from_ns = self.monotonic_ns() + int(self.parameter("listen_s", LISTEN_S) * 1e9)
         self._published: bool | None = None  # so that the first value replaces that of a former witness
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
         self.subscription(graph.ESTOP_STATE, self._on_state)
@@ -192,9 +192,6 @@ class EstopWitness(LupinNode):
     def _on_button(self, message: Any) -> None:
         self._silence.receive(self.elapsed_clock_ns(), self.monotonic_ns())
         self._press.button(bool(message.value) == self._engaged_value, self.monotonic_ns())
-        self._listening.hear_button()
-        if self._published is None:
-            self._publish()
 
     def _on_console(self, message: Any) -> None:
         self._consoles.update(bool(message.data), self.monotonic_ns())
@@ -214,7 +211,7 @@ class EstopWitness(LupinNode):
             self.get_logger().error("the e-stop's button has fallen silent; the e-stop is engaged until it is back")
         self._was_silent = silent
         engages = missed or silent
-        if engages == self._published or (not engages and self._published is None and not self._has_listened(now_ns)):
+        if engages == self._published or (not engages and self._published is None and now_ns < self._false_from_ns):
             return
         self._published = engages
         if missed:
@@ -222,7 +219,3 @@ class EstopWitness(LupinNode):
                 "the e-stop was pressed, or is held, but its process did not respond; it engages once the process is back"
             )
         self._output.publish(Bool(data=engages))
-
-    def _has_listened(self, now_ns: int) -> bool:
-        consoles = sum(self.count_publishers(row.name) for row in (graph.HMI_ESTOP, graph.CONSOLE_STOP))
-        return self._listening.is_over(self.count_publishers(graph.ESTOP_BUTTON.name), consoles, now_ns)

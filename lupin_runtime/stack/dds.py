@@ -8,7 +8,6 @@ fragments; the cameras' JPEG topics are small enough.
 
 from __future__ import annotations
 
-import ipaddress
 import os
 import random
 import re
@@ -64,22 +63,6 @@ FOREIGN = (
     "FASTDDS_BUILTIN_TRANSPORTS",
     "FASTDDS_DEFAULT_PROFILES_FILE",
 )
-
-
-def has_own_server(servers: str) -> bool:
-    """Return whether ROS_DISCOVERY_SERVER names one server, at an address of this computer."""
-    try:
-        host = str(ipaddress.IPv4Address(servers.strip().partition(":")[0]))  # a name might have to be asked for
-    except ValueError:
-        return False
-    if ";" in servers:
-        return False
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
-        try:
-            own.bind((host, 0))
-        except OSError:
-            return False
-    return True
 
 
 class NoFreeDomain(RuntimeError):

@@ -11,18 +11,13 @@ from collections.abc import Mapping
 
 from lupin_runtime.environment import is_off
 from lupin_runtime.safety.expected_sources import ESTOP_BUTTON
-from lupin_runtime.stack.dds import has_own_server
 from lupin_runtime.stack.options import ONBOARD, Options
 from lupin_runtime.stack.service import exit_with, serve
 
 
 def onboard_options(environment: Mapping[str, str]) -> Options:
     """Return the options of the robot's part of the stack."""
-    return Options(
-        target=ONBOARD,
-        estop_button=not is_off(environment, ESTOP_BUTTON),
-        own_server=has_own_server(environment.get("ROS_DISCOVERY_SERVER", "")),
-    )
+    return Options(target=ONBOARD, estop_button=not is_off(environment, ESTOP_BUTTON))
 
 
 if __name__ == "__main__":

@@ -41,7 +41,6 @@ class Options:
     rosbridge_port: int = ROSBRIDGE_PORT  # 0: any free one
     video: bool = True  # serve the simulated cameras to the console
     estop_button: bool = True  # the robot has one, without which the e-stop's process does not say that it is released
-    own_server: bool = False  # this computer's discovery server has the names of everything that the robot can hear
     foxglove: bool = False
     joystick: bool = True  # drive with a gamepad of the computer that runs it
     rviz: bool = False

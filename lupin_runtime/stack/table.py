@@ -129,10 +129,6 @@ def _estop(options: Options) -> Parameters:
     return {"serve_first": True, "expected_sources": expected}
 
 
-def _witness(options: Options) -> Parameters:
-    return {"own_server": True} if options.own_server else {}
-
-
 def _console(options: Options) -> Parameters:
     return {
         "folder": str(options.run_path),
@@ -271,7 +267,7 @@ TABLE: tuple[ProcessRow, ...] = (
         "drive",
         (
             NodeRow("lupin_runtime.drive.node:TwistMux", _drive),
-            NodeRow("lupin_runtime.safety.node:EstopWitness", _witness),
+            NodeRow("lupin_runtime.safety.node:EstopWitness"),
             NodeRow("lupin_runtime.arm.guard_node:ArmGuard"),
             NodeRow("lupin_runtime.drive.node:IdleStop", when=_simulated),
         ),

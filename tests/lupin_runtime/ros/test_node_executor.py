@@ -209,3 +209,27 @@ def test_polled_subscription_is_left_to_its_owner(spun: Spun) -> None:
     taken = take_newest_with(joints, b"shoulder_pan_joint")
     assert taken is not None and 0.25 <= taken.age_s < 5.0
     assert take_newest_with(joints, b"shoulder_pan_joint") is None
+
+
+def test_timer_that_is_always_due_keeps_nobody_waiting(spun: Spun) -> None:
+    from rclpy.executors import SingleThreadedExecutor
+    from std_srvs.srv import Trigger
+
+    from lupin_runtime.ros import LupinNode
+
+    def serve(_: Any, response: Any) -> Any:
+        response.success = True
+        return response
+
+    spun.node.create_service(Trigger, "/spun/serve", serve)
+    spun.node.create_timer(0.001, lambda: time.sleep(0.003))
+    asking = LupinNode("asking")
+    client = asking.create_client(Trigger, "/spun/serve")
+    executor = SingleThreadedExecutor()
+    executor.add_node(asking)
+    wait_until(client.service_is_ready, "the service", each=lambda: executor.spin_once(0.05))
+    answer = client.call_async(Trigger.Request())
+    wait_until(answer.done, "the answer", each=lambda: executor.spin_once(0.05))
+    assert answer.result().success
+    executor.shutdown(timeout_sec=2.0)
+    asking.destroy_node()

@@ -14,7 +14,6 @@ from lupin_runtime.stack.dds import (
     NoRobotEnvironment,
     claim_domain,
     discovery_mode,
-    has_own_server,
     loopback_environment,
     robot_environment,
 )
@@ -96,19 +95,3 @@ def test_discovery_mode_names_the_server_or_warns(tmp_path: Path) -> None:
     plain = discovery_mode({"ROS_DISCOVERY_SERVER": ""})
     assert plain.sentence == "multicast, domain 0: no discovery server"
     assert "lupin dds setup" in plain.warning
-
-
-@pytest.mark.parametrize(
-    ("servers", "expected"),
-    [
-        ("127.0.0.1", True),
-        ("127.0.0.1:11811", True),
-        ("192.0.2.1:11811", False),
-        ("", False),
-        ("127.0.0.1:11811;127.0.0.2:11811", False),
-        (";127.0.0.1:11811", False),
-        ("localhost:11811", False),
-    ],
-)
-def test_only_one_server_at_an_own_address_is_the_computers(servers: str, expected: bool) -> None:
-    assert has_own_server(servers) is expected
