@@ -30,12 +30,13 @@ async function talk(page: Page): Promise<void> {
   await page.mouse.up();
 }
 
-/** Open the tab in a language; the texts by which `openLive` waits are English. */
+/** Open the tab in a language, and take control; the texts by which `openLive` waits are English. */
 async function openVoiceOffline(page: Page, language: Language): Promise<void> {
   await page.addInitScript(() => sessionStorage.setItem("lupin-booted", "1"));
   await page.goto(`${CONSOLE}/#voice`);
+  await hold(page, "release");
   await page.getByRole("combobox", { name: language === "en" ? "Voice agent" : "Spraakassistent" }).selectOption("offline");
-  await expect(page.getByTestId("voice-state")).toHaveAttribute("data-state", /off|stopped/);
+  await untilState(page, "off");
 }
 
 const tools = (page: Page) => page.getByRole("region", { name: "Tools that were called" });

@@ -143,7 +143,7 @@ const nl: Record<keyof typeof en, string> = {
   why_viewer: "deze browser kijkt alleen",
   why_other_tab: "een ander tabblad van deze browser heeft de besturing",
   why_gate: "de stop is ingedrukt ({reason})",
-  why_hold_first: "houd eerst “Ingedrukt houden om te rijden” ingedrukt ({reason})",
+  why_hold_first: "eerst “Ingedrukt houden om te rijden” ({reason})",
   why_estop: "de robot is gestopt: {reason}",
   why_control: "{holder} heeft de besturing",
   why_mission: "de missie rijdt; pauzeer die eerst",

@@ -161,7 +161,7 @@ const nl: Record<keyof typeof en, string> = {
 
   voice_closed: "Deze pagina kan nog niet rijden: wat de robot beweegt, wordt geweigerd tot u “Ingedrukt houden om te rijden” ingedrukt houdt.",
   voice_about_off: "Begin een gesprek met de robot. Het eindigt zodra u dit tabblad verlaat.",
-  voice_about_off_offline: "De console zelf verstaat vaste zinnen zonder internet, zoals “what is the battery”, of getypt, met de spreektaal nl-NL, “wat is de batterij”. Het gesprek eindigt zodra u dit tabblad verlaat.",
+  voice_about_off_offline: "De console zelf verstaat vaste zinnen zonder internet: gesproken in het Engels, en getypt, met de spreektaal nl-NL, in het Nederlands, zoals “wat is de batterij”. Het gesprek eindigt zodra u dit tabblad verlaat.",
   voice_about_scripted_only: "Een script kan tonen hoe het werkt: het leest de toestand van de robot en beweegt niets.",
   voice_about_connecting: "De pagina maakt verbinding met het model. Wat u nu zegt, wacht even.",
   voice_about_link_lost: "De pagina heeft geen verbinding met de console, dus er wordt niets uitgevoerd. De stopknop van de robot werkt nog.",
