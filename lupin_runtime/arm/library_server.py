@@ -270,7 +270,7 @@ class ArmLibraryServer(ArmNode):
             self.get_logger().warning(f"{_holder(activity)} aborted: {reason}")
             self._end(activity)
             if reason != ESTOP_ENGAGED:
-                self.motion.stop(STOP_S)
+                self.motion.stop_soon()
         elif activity.player is not None:
             angle = activity.player.due(elapsed_s)
             if angle is not None:

@@ -125,10 +125,21 @@ class ArmMotion:
                 self._send_held_pose()
             if was_engaged and not engaged:
                 self._released_ns = self._real_ns()
+            # If no feedback of now has come when the state is repeated, 0.2 s later, what there is must do.
+            self.hold_if_due(HOLD_FRESH_S if is_press else FRESH_S)
+
+    def hold_if_due(self, max_age_s: float = FRESH_S) -> None:
+        """Hold the present pose if a stop waits for feedback; call it a few times per second."""
+        with self._lock:
             if self._hold_due and self.torque is not False:
                 with suppress(Refused):
-                    # If no feedback of now has come when the state is repeated, 0.2 s later, what there is must do.
-                    self.pin(HOLD_FRESH_S if is_press else FRESH_S)
+                    self.pin(max_age_s)
+
+    def stop_soon(self) -> None:
+        """Stop as `stop` does, but with later feedback: what there is may have waited while this process was held up."""
+        with self._lock:
+            self.stop_count += 1
+            self._hold_due = True
 
     def counter(self, path: Sequence[tuple[float, ...]]) -> None:
         """Replace another publisher's trajectory by the held pose while the e-stop is engaged. `path` are its points."""
@@ -172,7 +183,7 @@ class ArmMotion:
             return self._send_path(to_pose(state.arm, MIN_DURATION_S))
 
     def stop(self, duration_s: float) -> None:
-        """Replace the current motion by holding the present pose; if that is not known, with a later message of the e-stop."""
+        """Replace the current motion by holding the present pose; if that is not known, as soon as it is."""
         with self._lock:
             self.stop_count += 1
             state = self.state(fresh=True, max_age_s=HOLD_FRESH_S)

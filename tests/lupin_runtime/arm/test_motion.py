@@ -124,6 +124,16 @@ def test_last_feedback_must_do_if_no_other_comes(is_press: bool) -> None:
     assert arm.last.arm == (0.4, 0.0, 0.0, 0.0)
 
 
+def test_stop_after_a_hang_uses_later_feedback() -> None:
+    arm = moving_arm(0.0)
+    arm.motion.stop_soon()
+    assert len(arm.sent) == 1
+    arm.now_ns += S // 5
+    arm.set_pose((0.6, 0.0, 0.0, 0.0))
+    arm.motion.hold_if_due()
+    assert arm.last.arm == (0.6, 0.0, 0.0, 0.0)
+
+
 def test_stop_that_waits_gives_way_to_a_later_command() -> None:
     arm = moving_arm(0.45)
     arm.motion.stop(0.3)
