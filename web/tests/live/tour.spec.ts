@@ -167,6 +167,13 @@ async function resetFault(page: Page): Promise<void> {
 async function bypassFilters(page: Page): Promise<void> {
   await page.addInitScript(() => {
     const open = navigator.mediaDevices.getUserMedia.bind(navigator.mediaDevices);
+    const log: unknown[] = [];
+    Object.assign(window, { wsLog: log });
+    const send = WebSocket.prototype.send;
+    WebSocket.prototype.send = function (data) {
+      if (this.url.includes("voice")) log.push([performance.now(), typeof data === "string" ? data : data instanceof ArrayBuffer ? Array.from(new Int16Array(data)) : "?"]);
+      send.call(this, data);
+    };
     navigator.mediaDevices.getUserMedia = () => open({ audio: { channelCount: 1, echoCancellation: false, noiseSuppression: false, autoGainControl: false } });
   });
 }
@@ -217,6 +224,7 @@ async function take(page: Page, steps: readonly Step[], spoken: readonly Spoken[
     }
   } finally {
     await minutes.note("(end)", minutes.nowS);
+    writeFileSync("/tmp/tour_ws.json", await page.evaluate(() => JSON.stringify((window as unknown as { wsLog: unknown[] }).wsLog)));
     writeFileSync(info.outputPath("transcript.txt"), minutes.text);
   }
 }
