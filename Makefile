@@ -9,7 +9,7 @@ KERNELS := $(shell find lupin_runtime -name '_kernels.c' -o -name '*.h')
 PAGE := $(shell find web -type f -not -path '*/node_modules/*' -not -path '*/dist/*' -not -path '*/generated/*')
 TABLES := tools/write_page_types.py $(shell find lupin_runtime lupin_sim -name '*.py') # of which modules of the page are made
 
-.PHONY: setup mission test test-long test-page test-core test-graph test-host test-mission test-live judge coverage lint bench lock wheel clean
+.PHONY: setup mission test test-long test-page test-core test-graph test-graph-busy test-host test-mission test-live judge coverage lint bench lock wheel clean
 
 setup: $(VENV)/.lupin $(VENV)/.page
 
@@ -51,6 +51,11 @@ test-host: setup
 
 test-mission: setup
 	$(AGAIN) pytest mission $(PYTEST_OPTIONS) -m "mission and $(LENGTH)" tests
+
+# Graph tests beside four busy loops, without a second try: what fails here depends on the time that the machine has.
+BESIDE_LOAD := tests
+test-graph-busy: setup
+	$(PY) -m tools.busy_loops 4 $(PY) -m pytest -q $(PYTEST_OPTIONS) -m "(graph or sim) and not host and not mission and $(LENGTH)" $(BESIDE_LOAD)
 
 # The page in Chromium against whole runs, about twenty minutes.
 test-live: setup

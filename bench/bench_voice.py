@@ -176,7 +176,7 @@ def play(sound: bytes, recognizer: CommandRecognizer) -> float | None:
     at_s: list[float] = []
     began = time.monotonic()
 
-    def note(_: str) -> None:
+    def note(_text: str, _utterance: int) -> None:
         at_s.append(time.monotonic() - began)
         spotted.set()
 

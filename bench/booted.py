@@ -84,7 +84,9 @@ def booted_operator(**options: Any) -> Iterator[Operator]:
     with tempfile.TemporaryDirectory(prefix="lb-", dir="/tmp") as name, Host.start(**options) as host:
         home = Path(name) / "home"
         environment = create_home(host, home, SETUP_LINES)
-        yield Operator(host, home, {"PATH": PYTHON_PATH, "LC_ALL": "C.UTF-8", "SHELL": "/bin/bash", **environment})
+        # The checkout comes first, as the virtual environment may be another one's.
+        fixed = {"PATH": PYTHON_PATH, "LC_ALL": "C.UTF-8", "SHELL": "/bin/bash", "PYTHONPATH": str(PROJECT_BENCH.parent)}
+        yield Operator(host, home, {**fixed, **environment})
 
 
 @contextlib.contextmanager

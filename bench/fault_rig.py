@@ -23,6 +23,7 @@ from lupin_cli.exit_codes import SUCCESS
 from lupin_runtime.ports import DISCOVERY_PORT
 from lupin_sim.host import Host
 from lupin_sim.host.host import PROJECT
+from tests.support.onboard_units import install_units
 
 WIRED_ADDRESS, AP_ADDRESS = "10.42.0.1", "192.168.42.1"
 ROBOT = "greenhouse"  # in the inventory, with the wired address; {ROBOT}-ap is the same robot over its access point
@@ -83,8 +84,6 @@ class FaultRig:
 
     def _set_up(self) -> None:
         from lupin_cli import __version__
-        from lupin_cli.systemd import units
-        from lupin_sim.host.checkout import SETUP_LINES, keep_shared_memory, link_checkout
 
         ssh = self.home / ".ssh"
         ssh.mkdir(mode=0o700)
@@ -104,11 +103,7 @@ class FaultRig:
             f"mkdir -p /opt/lupin/releases/{RELEASE} /opt/lupin/incoming; cd /opt/lupin; ln -sfn releases/{RELEASE} current\n"
             f"echo '{version}' > current/release.json; usermod -aG input mirte"
         )
-        link_checkout(self.machines.robot)
-        for name, text in units.robot_units("mirte", "/opt/lupin/current", SETUP_LINES).items():
-            if name in ("lupin-onboard.service", "lupin-auto-home.service"):
-                self.run_as_root(f"cat > /etc/systemd/system/{name} <<'UNIT'\n{text}\nUNIT")
-        keep_shared_memory(self.machines.robot)
+        install_units(self.machines.robot, ("lupin-onboard.service", "lupin-auto-home.service"))
         self.machines.serve_ntp()  # so the playbook need not, and must not, configure the chrony of this machine
         self._lupin("play", "install-clock-sync", "--robot", ROBOT, "-v", "laptop_serves=false", "--yes", env=self.sourced_env)
         self.run_as_root("systemctl daemon-reload; systemctl enable -q lupin-onboard lupin-auto-home")

@@ -8,9 +8,7 @@ access point's addresses only.
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
-import math
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,12 +18,12 @@ from typing import Any
 
 from bench.booted import LUPIN, Operator, booted_operator
 from bench.runner import note
+from tests.support.onboard_units import install_units
+from tests.support.true_path import Sample, moved_m, parse_path
 
 TRUTH = "/home/mirte/truth"
 TRUTH_FILES = ("truth.json", "truth_trajectory.tum", "sim_state.json")
 LINK, OTHER_LINK = "wlan0", "eth0"
-# As a deploy sets it: else the robot's publishers, including the simulator's, stall while the laptop is unreachable.
-WAITING_BYTES = 65536
 WIFI: Mapping[str, Mapping[str, float]] = {
     "slow-link": {"delay_ms": 20.0, "jitter_ms": 0.0},
     "lossy-link": {"loss": 0.02},
@@ -52,15 +50,6 @@ while time.monotonic() < until and not node.count_subscribers(graph.compressed(g
 rclpy.spin_once(node, timeout_sec=1.0)
 print(json.dumps({name: node.count_subscribers(name) for name in names}))
 """
-
-
-@dataclass(frozen=True)
-class Sample:
-    """The robot's true place at a time: seconds of the wall clock, meters."""
-
-    t_s: float
-    x: float
-    y: float
 
 
 @dataclass(frozen=True)
@@ -92,19 +81,9 @@ class LinkRig:
 
     def set_up(self) -> None:
         """Install Lupin's unit on the robot, start its stack on the access point only, and set the laptop up for it."""
-        from lupin_cli.systemd import units
-        from lupin_sim.host.checkout import CURRENT_RELEASE, SETUP_LINES, keep_shared_memory, link_checkout
-
         self._robot.inject_fault("cable-cut", link=OTHER_LINK)
-        link_checkout(self._robot)
-        keep_shared_memory(self._robot)
-        for name, text in units.robot_units("mirte", CURRENT_RELEASE, SETUP_LINES).items():
-            if name in UNITS:
-                self.run_as_root(f"cat > /etc/systemd/system/{name}", stdin=text)
-        self.run_as_root(
-            f"for each in /proc/sys/net/ipv4/neigh/*/unres_qlen_bytes; do echo {WAITING_BYTES} > $each; done\n"
-            f"systemctl daemon-reload; systemctl restart mirte-ros; systemctl start {' '.join(UNITS)}"
-        )
+        install_units(self._robot, UNITS)
+        self.run_as_root(f"systemctl restart mirte-ros; systemctl start {' '.join(UNITS)}")
         self.operator.require(self.operator.lupin("dds", "setup", self._robot.wlan0))
 
     def shape(self, faults: Mapping[str, Mapping[str, float]]) -> None:
@@ -122,9 +101,7 @@ class LinkRig:
 
     def truth(self) -> list[Sample]:
         """Return the robot's true path so far, ten places a second."""
-        text = self.run_as_root(f"cat {TRUTH}/truth_trajectory.tum")
-        rows = [line.split() for line in text.splitlines()]
-        return [Sample(*(float(word) for word in row[:3])) for row in rows if len(row) == 8]
+        return parse_path(self.run_as_root(f"cat {TRUTH}/truth_trajectory.tum"))
 
     def is_driving(self) -> bool:
         """Whether the robot drove during the last second."""
@@ -228,11 +205,6 @@ def score(rig: LinkRig, folder: Path) -> dict[str, Any]:
         (folder / name).write_text(rig.run_as_root(f"cat {TRUTH}/{name}"))
     state = json.loads((folder / "sim_state.json").read_text())
     return {**score_run(folder), "collisions": state["collisions"], "real_time_factor": state["real_time_factor"]}
-
-
-def moved_m(track: Sequence[Sample]) -> float:
-    """Return the length of a path."""
-    return sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in itertools.pairwise(track))
 
 
 def in_outage(track: Sequence[Sample], fault: LinkFault) -> dict[str, float]:

@@ -18,7 +18,7 @@ from lupin_cli.completion import matching
 from lupin_cli.exit_codes import INTERNAL_ERROR, INTERRUPTED
 from lupin_cli.json_errors import errors_as_objects
 from lupin_cli.printed_commands import lupin, print_next
-from lupin_cli.terminal import echo, printable
+from lupin_cli.terminal import echo, is_interrupt, printable
 
 # verb: (section, one line of help). The module is lupin_cli.commands.<verb>, with dashes as underscores.
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -190,6 +190,8 @@ def _run() -> None:
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
     except Exception as error:  # the last resort of every command
+        if is_interrupt(error):
+            sys.exit(INTERRUPTED)
         if "--debug" in sys.argv:
             raise
         sys.exit(_report(error))

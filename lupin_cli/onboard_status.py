@@ -75,13 +75,15 @@ def judge(robot: str, units: Units, onboard: Onboard, cameras: Mapping[str, Driv
     if doing == RobotState.HELP.value:
         problems.append(Problem(str(said["reason"]), HOME if "arm is not home" in str(said["reason"]) else DOCTOR))
     if said.get("light") == "e-stop or fault":
-        problems.append(Problem("the e-stop is engaged, or the last mission ended with a fault", DOCTOR))
+        problems.append(Problem("the e-stop is engaged, or a mission is in FAULT", DOCTOR))
     problems += [Problem(f"{pad.name} may not be read", DEPLOY) for pad in onboard.pads if not pad.readable]
     problems += [
         Problem(f"the {name} camera does not run: {each.text}", DOCTOR)
         for name, each in cameras.items()
         if each.state not in (OFF, RUNNING)
     ]
+    if doing == _UNKNOWN and not problems:
+        problems.append(Problem("its process body has not said what the robot does", f"journalctl -b -u {ONBOARD} -n 50"))
     reason, light = str(said.get("reason", "")), str(said.get("light", ""))
     return Status(robot, doing, reason, light, lines, onboard.processes, devices, tuple(problems))
 

@@ -244,6 +244,14 @@ def ending_in_order() -> Iterator[None]:
         yield
 
 
+def is_interrupt(error: BaseException) -> bool:
+    """Return whether an exception came of Ctrl-C: one that hits a lock's release makes threading raise its own instead."""
+    seen: BaseException | None = error
+    while seen is not None and not isinstance(seen, KeyboardInterrupt):
+        seen = seen.__context__
+    return seen is not None
+
+
 def is_interactive() -> bool:
     """Return whether a person can be asked: standard input and standard error are a terminal."""
     return sys.stdin.isatty() and sys.stderr.isatty()

@@ -144,6 +144,7 @@ _Row = TypeVar("_Row", Topic, Service, Action)
 # The sinks are best effort on both targets: a reliable subscriber would receive nothing, and no error would be reported.
 CMD_VEL_JOY = Topic("/cmd_vel_joy", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "joystick"), ALL, note="gamepad with a dead-man button; silent when it is released")
 CMD_VEL_MANUAL = Topic("/cmd_vel_manual", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "console"), ALL, note="joystick of a console", console=BY_OPERATOR, moves=True)
+CMD_VEL_ENGINE = Topic("/lupin/nav/cmd_vel", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, note="with `--engine nav2=system`: Nav2's controller and behaviors -> the gate before `/cmd_vel_nav`")
 CMD_VEL_NAV = Topic("/cmd_vel_nav", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, monitored=True, note="navigation's controller -> velocity smoother")
 CMD_VEL_AUTO = Topic("/cmd_vel_auto", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, note="velocity smoother -> drive bus")
 ZERO_CMD_VEL = Topic("/zero_cmd_vel", "geometry_msgs/msg/Twist", REL10, 10.0, ("drive",), note="simulation only: a constant zero, the drive bus's input of lowest priority")

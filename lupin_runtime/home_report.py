@@ -21,7 +21,7 @@ HOME = "home"  # the arm was sent home
 RETRYING = "retrying"  # it failed at boot, and systemd starts it again
 FAILED = "failed"
 ESTOPPED = "e-stopped"  # the e-stop was pressed, so the arm was not moved
-OFF = "off"  # LUPIN_AUTO_HOME disables it
+OFF = "off"  # LUPIN_AUTO_HOME disables it, or somebody used the arm first
 RUNNING = (ACTIVATING, HOMING)
 RETRY_LIMIT_S = 60.0  # after which it is not started again: the unit has RestartSec=15, and checks its release first
 

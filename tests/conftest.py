@@ -102,10 +102,9 @@ class GraphHost:
 
     def add(self, node: Any) -> Any:
         """Start to spin `node`, and return it."""
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.task import Future
+        from lupin_runtime.ros.node_executor import NodeExecutor
 
-        executor, stop = SingleThreadedExecutor(), Future()
+        executor, stop = NodeExecutor(), threading.Event()
         executor.add_node(node)
         thread = threading.Thread(target=self._spin, args=(executor, stop), name=node.get_name(), daemon=True)
         self._running.append((node, executor, thread, stop))
@@ -116,7 +115,8 @@ class GraphHost:
         from rclpy.executors import ExternalShutdownException
 
         try:
-            executor.spin_until_future_complete(stop)
+            while not stop.is_set():
+                executor.spin_once()
         except ExternalShutdownException:
             pass
         except BaseException as error:  # raised in the test by `until` or `close`
@@ -155,9 +155,16 @@ class GraphHost:
         self._running.remove(entry)
         self._stop(*entry)
 
+    def suspend(self, node: Any) -> None:
+        """Stop to spin a node, which stays on the graph."""
+        _, executor, _, stop = next(entry for entry in self._running if entry[0] is node)
+        stop.set()
+        executor.wake()
+
     def _stop(self, node: Any, executor: Any, thread: threading.Thread, stop: Any) -> None:
         # The thread must return first: a shutdown destroys what a running callback still needs.
-        stop.set_result(None)
+        stop.set()
+        executor.wake()
         thread.join()  # the test's own timeout ends a callback that hangs
         for task, *_ in executor._tasks:
             # A goal that was accepted at the very end: its coroutine never began, and would warn when it is collected.
@@ -207,18 +214,11 @@ def lupin_host() -> Iterator[Host]:
 
     All tests of a file share it, since a boot takes seconds.
     """
-    from lupin_cli.systemd import units
-    from lupin_sim.host.checkout import CURRENT_RELEASE, SETUP_LINES, keep_shared_memory, link_checkout
     from lupin_sim.host.fixtures import boot_or_skip
+    from tests.support.onboard_units import install_units
 
     with boot_or_skip(vendor_robot=True) as host:
-        run_as_root = host.robot.run_as_root
-        link_checkout(host.robot)
-        keep_shared_memory(host.robot)
-        for name, text in units.robot_units("mirte", CURRENT_RELEASE, SETUP_LINES).items():
-            assert run_as_root("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
-        done = run_as_root(
-            "sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-cameras lupin-auto-home"
-        )
+        install_units(host.robot)
+        done = host.robot.run_as_root("systemctl", "enable", "--quiet", "lupin-onboard", "lupin-cameras", "lupin-auto-home")
         assert done.status == 0, done.stderr
         yield host

@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import venv
@@ -120,10 +121,17 @@ def run_script(name: str, *arguments: str) -> None:
             print("skipped: the page's tests in a browser need Chromium: apt-get install chromium")
             return
         os.environ["LUPIN_CHROMIUM"] = chromium
+        os.environ["LUPIN_PAGE_PORT"] = str(_free_port())
     write_types()
     path = node_path()
     install_packages(path)
     _run(["npm", "run", "--silent", name, "--", *arguments], path)
+
+
+def _free_port() -> int:
+    """Return a port of this computer that nothing uses: another run of these tests may go on beside."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
 
 
 def _run(command: list[str], path: str) -> None:

@@ -1,10 +1,11 @@
-"""Write the page's generated modules, `web/src/generated/*.ts`, from the definitions that the rest of Lupin uses.
+"""Write the page's generated modules, `web/src/generated/*`, from the definitions that the rest of Lupin uses.
 
     python -m tools.write_page_types
 
 `messages.ts` has the types of all messages and services that the table of the graph names, `graph.ts` that table, `robot.ts`
-limits, presets, colors and ranges, `settings.ts` the page's settings, `sentences.ts` what the robot and the console say,
-`robot_model.ts` the shapes of the simulated robot, and `voice_tools.ts` the voice agent's tools.
+limits, presets, colors, ranges and dimensions, `settings.ts` the page's settings, `sentences.ts` what the robot and the console
+say, `robot_model.json` the shapes of the simulated robot, `voice_tools.ts` the voice agent's tools, and `mock_doctor.json` what
+the doctor of the page's mock answers.
 `tools/build_page.py` runs it before each build, lint and test of the page; git does not have them. A module that did not change
 is not written.
 """
@@ -35,7 +36,7 @@ from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, SOON_THRESHOLD
 from lupin_runtime.twin.health import IDEAL_RANGES, MAX_DEVIATION, OFF_RANGE, STATES
 from lupin_runtime.voice.declarations import function_declarations
 from lupin_sim import mirte, robot_model
-from tools import voice_types
+from tools import mock_doctor, voice_types
 
 FOLDER = Path(__file__).parents[1] / "web" / "src" / "generated"
 HEADER = "// Generated: `python -m tools.write_page_types`.\n"
@@ -197,7 +198,7 @@ def _named(kind: type) -> Iterator[tuple[str, Any]]:
 
 # -- robot.ts ---------------------------------------------------------------------------------------------------------
 def robot_module() -> str:
-    """Limits, presets, colors and ranges, and the times of the server's authority."""
+    """Limits, presets, colors, ranges and dimensions, and the times of the server's authority."""
     hard = HardLimits()
     drive = {
         "maxLinearMps": hard.linear_mps,
@@ -218,11 +219,17 @@ def robot_module() -> str:
         "closedDeg": limits.GRIPPER_CLOSED_DEG,
         "openRad": limits.GRIPPER_OPEN_RAD,
         "closedRad": limits.GRIPPER_CLOSED_RAD,
+        "openApertureM": _rounded(mirte.aperture_from_gripper(limits.GRIPPER_OPEN_RAD)),
+        "closedApertureM": _rounded(mirte.aperture_from_gripper(limits.GRIPPER_CLOSED_RAD)),
     }
     colors = {name.lower(): list(rgb) for name, rgb in palette.COLORS_BY_NAME.items() if name != "BATTERY_LOW"}
     states = {name: list(rgb) for name, rgb in {**palette.LIFECYCLE_COLORS, **palette.PHASE_COLORS}.items()}
     ranges = {name: {"low": row.minimum, "high": row.maximum, "unit": row.unit} for name, row in IDEAL_RANGES.items()}
     health = [{"below": limit if np.isfinite(limit) else None, "name": name} for limit, name in STATES]
+    half_length, half_width, _ = _rounded_list(_simulated_robot().geom("chassis").size)
+    chassis = {"halfLengthM": half_length, "halfWidthM": half_width}
+    wheel = {"radiusM": mirte.WHEEL_RADIUS_M, "widthM": mirte.WHEEL_WIDTH_M}
+    lidar = {"at": list(mirte.LIDAR_POSITION), "yawRad": mirte.LIDAR_YAW_RAD}
     authority = {"leaseSilenceS": LEASE_TIMEOUT_S, "requestS": REQUEST_TIMEOUT_S}
     return (
         HEADER
@@ -236,6 +243,10 @@ def robot_module() -> str:
         + _constant_block("IDEAL_RANGES", ranges)
         + _constant_block("HEALTH", {"maxDeviation": MAX_DEVIATION, "offRange": OFF_RANGE, "states": health})
         + _constant_block("BATTERY", {"lowShare": LOW_THRESHOLD, "soonShare": SOON_THRESHOLD})
+        + f"export const OUTER_RADIUS_M = {mirte.OUTER_RADIUS_M:g};\n"
+        + _constant_block("CHASSIS", chassis)
+        + _constant_block("WHEEL", wheel)
+        + _constant_block("LIDAR", lidar)
         + _constant_block("AUTHORITY", authority)
         + f"export type Role = {' | '.join(json.dumps(role.value) for role in Role)};\n"
     )
@@ -264,58 +275,35 @@ def _plain_places(template: str) -> str:
     return re.sub(r"\{(\w+):[^}]*\}", r"{\1}", template)
 
 
-# -- robot_model.ts ---------------------------------------------------------------------------------------------------
-def robot_model_module() -> str:
-    """Bodies, joints and shapes of the simulated robot, for the page's 3D twin; m, rad, quaternions as (x, y, z, w)."""
+# -- robot_model.json -------------------------------------------------------------------------------------------------
+def robot_model_rows() -> str:
+    """Bodies, joints and shapes of the simulated robot, one a line, for `robot/model.ts`; m, quaternions as (x, y, z, w)."""
+    model = _simulated_robot()
+    rows = (json.dumps(_body(model, body), separators=(",", ":")) for body in range(1, model.nbody))
+    return "[\n" + ",\n".join(rows) + "\n]\n"
+
+
+@functools.cache
+def _simulated_robot() -> Any:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     robot_model.add_robot(spec)
-    model = spec.compile()
-    bodies = [_body(model, body) for body in range(1, model.nbody)]
-    shape = (
-        "kind: 'box' | 'cylinder';",
-        "name: string;",
-        *(f"{each}: number[];" for each in ("size", "at", "turned", "color")),
-    )
-    body_rows = (
-        *(f"{each}: string;" for each in ("name", "parent", "joint")),
-        *(f"{each}: number[];" for each in ("at", "turned", "axis")),
-        "slides: boolean;",
-        "shapes: Shape[];",
-    )
-    return (
-        HEADER
-        + _block("interface Shape", shape)
-        + _block("interface Body", body_rows)
-        + f"export const BODIES: readonly Body[] = {json.dumps(bodies, indent=1)};\n"
-        + f"export const OUTER_RADIUS_M = {mirte.OUTER_RADIUS_M:g};\n"
-        + _constant_block("WHEEL", {"radiusM": mirte.WHEEL_RADIUS_M, "widthM": mirte.WHEEL_WIDTH_M})
-        + _constant_block("LIDAR", {"at": list(mirte.LIDAR_POSITION), "yawRad": mirte.LIDAR_YAW_RAD})
-        + f"export const GRIPPER_APERTURE_M = {json.dumps(_apertures())} as const;\n"
-    )
-
-
-def _apertures() -> list[float]:
-    """The gripper's aperture at its open and at its closed end."""
-    return [_rounded(mirte.aperture_from_gripper(angle)) for angle in (limits.GRIPPER_OPEN_RAD, limits.GRIPPER_CLOSED_RAD)]
+    return spec.compile()
 
 
 def _body(model: Any, body: int) -> dict[str, Any]:
-    shapes = []
-    for geom in np.flatnonzero(model.geom_bodyid == body):
-        kind = {int(mujoco.mjtGeom.mjGEOM_BOX): "box", int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder"}[
-            int(model.geom_type[geom])
-        ]
-        shapes.append(
-            {
-                "kind": kind,
-                "size": _rounded_list(model.geom_size[geom]),
-                "at": _rounded_list(model.geom_pos[geom]),
-                "turned": _xyzw(model.geom_quat[geom]),
-                "color": _rounded_list(model.geom_rgba[geom]),
-                "name": model.geom(geom).name,
-            }
-        )
+    kinds = {int(mujoco.mjtGeom.mjGEOM_BOX): "box", int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder"}
+    shapes = [
+        {
+            "kind": kinds[int(model.geom_type[geom])],
+            "name": model.geom(geom).name,
+            "size": _rounded_list(model.geom_size[geom]),
+            "at": _rounded_list(model.geom_pos[geom]),
+            "turned": _xyzw(model.geom_quat[geom]),
+            "color": _rounded_list(model.geom_rgba[geom][:3]),
+        }
+        for geom in np.flatnonzero(model.geom_bodyid == body)
+    ]
     # The base's own joints place it in the world; the page places it by its pose.
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     joint = first if count == 1 else None
@@ -325,7 +313,7 @@ def _body(model: Any, body: int) -> dict[str, Any]:
         "at": _rounded_list(model.body_pos[body]),
         "turned": _xyzw(model.body_quat[body]),
         "joint": "" if joint is None else model.joint(joint).name,
-        "axis": [] if joint is None else _rounded_list(model.jnt_axis[joint]),
+        "axis": [0, 0, 0] if joint is None else _rounded_list(model.jnt_axis[joint]),
         "slides": joint is not None and int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE),
         "shapes": shapes,
     }
@@ -374,8 +362,9 @@ def modules() -> dict[str, str]:
         "robot.ts": robot_module(),
         "settings.ts": settings_module(),
         "sentences.ts": HEADER + _constant_block("SENTENCES", {name: _plain_places(text) for name, text in SENTENCES.items()}),
-        "robot_model.ts": robot_model_module(),
+        "robot_model.json": robot_model_rows(),
         "voice_tools.ts": voice_tools_module(),
+        "mock_doctor.json": json.dumps(mock_doctor.answers(), ensure_ascii=False) + "\n",
     }
 
 

@@ -1,6 +1,8 @@
 import { defineConfig } from "@playwright/test";
 
 const CHROMIUM = process.env["LUPIN_CHROMIUM"] ?? "/usr/bin/chromium";
+const PORT = process.env["LUPIN_PAGE_PORT"] ?? "5299";
+const PAGE = `http://127.0.0.1:${PORT}/page/`;
 /** A running console, for the tests of `tests/live`. */
 const live = process.env["LUPIN_CONSOLE"];
 
@@ -14,7 +16,7 @@ export default defineConfig({
   reporter: live === undefined ? [["list"], ["json", { outputFile: "test-results/report.json" }]] : [["list"]],
   outputDir: "test-results",
   use: {
-    baseURL: live ?? "http://127.0.0.1:5299/page/",
+    baseURL: live ?? PAGE,
     viewport: { width: 1440, height: 900 },
     locale: "en-US",
     launchOptions: {
@@ -23,6 +25,6 @@ export default defineConfig({
     },
   },
   ...(live === undefined
-    ? { webServer: { command: "npx vite preview --host 127.0.0.1 --port 5299 --strictPort", url: "http://127.0.0.1:5299/page/", timeout: 60_000 } }
+    ? { webServer: { command: `npx vite preview --host 127.0.0.1 --port ${PORT} --strictPort`, url: PAGE, timeout: 60_000 } }
     : {}),
 });

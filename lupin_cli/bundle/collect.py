@@ -28,6 +28,7 @@ from lupin_cli.doctor.report import to_dict, to_markdown
 from lupin_cli.doctor.session import MAX_PARALLEL_ROBOTS, DoctorResult, DoctorScope, DoctorSession, examine_all
 from lupin_cli.facts.base import Facts, Unknown
 from lupin_cli.facts.link import Link
+from lupin_cli.terminal import is_interrupt
 from lupin_runtime.json_text import parse_json
 
 if TYPE_CHECKING:
@@ -113,6 +114,8 @@ class Collector:
         try:
             examine_all(self.sessions, self._results.__setitem__)
         except Exception as error:  # if the doctor fails, the logs are still collected: they show why
+            if is_interrupt(error):
+                raise KeyboardInterrupt from error
             yield Omission("findings", FAILED, f"the doctor failed: {type(error).__name__}: {error}")
         results = [(each.scope, self._results[each]) for each in self.sessions if each in self._results]
         for scope, result in results:

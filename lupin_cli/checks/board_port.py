@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from lupin_cli.checks.base import Check, Finding, Snapshot
 from lupin_cli.checks.controllers import observed_graphs
 from lupin_cli.checks.findings import make_finding
-from lupin_cli.checks.motor_board import BOARD_SIGNS, has_board_port, has_left_bus
+from lupin_cli.checks.motor_board import BOARD_SIGNS, MOTOR_SUPPLY_V, has_board_port, has_left_bus
 from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.devices import DEVICES, Devices, Holder
 from lupin_cli.facts.graph import GRAPH
@@ -20,7 +20,6 @@ from lupin_runtime.graph import BATTERY
 # The vendor's own way: https://docs.mirte.org, "Install MCU software", and run_arduino.sh of mirte-install-scripts.
 _FIRMWARE_FILE = "/usr/local/src/mirte/mirte-install-scripts/Telemetrix4RpiPico.uf2"
 _LOAD_FIRMWARE = f"sudo picotool load -f {_FIRMWARE_FILE} && sudo picotool reboot"
-MOTOR_SUPPLY_V = 5.0  # a battery of three cells has 9 V at least; below this, the motors' supply is switched off
 _DRIVER = "telemetrix"
 
 

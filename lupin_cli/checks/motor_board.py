@@ -14,12 +14,12 @@ from lupin_cli.checks.remote_command import command_on_robot, restart_unit
 from lupin_cli.checks.topic_delivery import BOARD_TOPICS, is_board_silent
 from lupin_cli.facts.account import ACCOUNT, Account
 from lupin_cli.facts.devices import DEVICES, Devices
-from lupin_cli.facts.graph import GRAPH
+from lupin_cli.facts.graph import GRAPH, Graph
 from lupin_cli.facts.motor_board import MOTOR_BOARD, AskedPort
 from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
 from lupin_cli.facts.units import UNIT_STATES, VENDOR
 from lupin_runtime.board_protocol import ANSWER_LIMIT_S, Answer
-from lupin_runtime.graph import BATTERY
+from lupin_runtime.graph import BATTERY, ODOM
 from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, normalize
 
 # Words of kernel messages about a lost serial device. Drivers also name the device when they find it, which is no trouble.
@@ -27,6 +27,8 @@ SERIAL_TROUBLE = ("usb disconnect", "device descriptor read", "not accepting add
 SERIAL_DEVICES, SERIAL_ERRORS = ("ttyacm", "ttyusb", "cdc_acm"), ("error", "fail", "timed out", "timeout", "disconnect", "lost")
 TELEMETRIX_TROUBLE = ("serialexception", "serial", "telemetrix", "timed out")
 JOURNAL_LINES = 5
+MOTOR_SUPPLY_V = 5.0  # a battery of three cells has 9 V at least; below this, the motors' supply is switched off
+IDLE_WHEELS_S = 1.0
 # What a board without data causes; it publishes the button's state, too.
 BOARD_SIGNS = frozenset(
     {"battery-unreadable", f"estop-engaged:{SILENT_BUTTON}", *(f"topic-silent:{name}" for name in BOARD_TOPICS)}
@@ -69,6 +71,7 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
     silent_graphs = [
         graph for graph in observed_graphs(snapshot) if graph.kind == "robot" and stack_runs and is_board_silent(graph)
     ]
+    idle = [graph for graph in observed_graphs(snapshot) if stack_runs and _has_idle_wheels(graph)]
     processes = devices.telemetrix if devices else ()
     kernel = _kernel_trouble(snapshot)
     # Every process that writes to a device is in state D for an instant; it counts only with a second sign.
@@ -76,7 +79,7 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
     left_bus = has_left_bus(snapshot)
     unanswered = [asked for asked in (board.asked if board else ()) if _no_answer(asked)]
     given_up = _given_up(snapshot)
-    if not (silent_graphs or blocked_processes or left_bus or unanswered or given_up):
+    if not (silent_graphs or blocked_processes or left_bus or unanswered or given_up or idle):
         return
     errors = [
         line.line
@@ -91,8 +94,11 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
         cause = _no_answer(unanswered[0])
     elif given_up:
         cause = "telemetrix gets no answer from the board, exits, and is started again"
-    else:
+    elif silent_graphs:
         cause = "telemetrix runs, but its board sends nothing"
+    else:
+        cause = "the encoders are silent while the wheels are commanded: the board does not execute commands"
+    only_idle = not (silent_graphs or blocked_processes or left_bus or unanswered or given_up)
     yield make_finding(
         "board-wedged",
         where="robot",
@@ -105,6 +111,11 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
                 for name in BOARD_TOPICS
                 if graph.sample_count(name) is not None
             ),
+            *(
+                f"{ODOM.name} on {graph.name}: unchanged for {graph.idle_wheels_s:.1f} s, while the input "
+                f"{graph.drive_bus_holder} drove"
+                for graph in idle
+            ),
             *(f"telemetrix: pid {process.pid} state {process.state}: {process.command}" for process in processes),
             *((devices.serials or ("no /dev/ttyACM* and no /dev/ttyUSB*",)) if devices else ()),
             *kernel[-JOURNAL_LINES:],
@@ -112,10 +123,28 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
             *given_up[-JOURNAL_LINES:],
             *((vendor.line(),) if vendor else ()),
         ),
-        instruction="unplug the board's USB cable and plug it in again, then type the command",
+        instruction=("if nothing blocks the wheels and the motors have power, " if only_idle else "")
+        + "unplug the board's USB cable and plug it in again, then type the command",
         command=restart_unit(snapshot),
         playbook="" if left_bus else None,
         explains=BOARD_SIGNS,
+        breaks=() if only_idle else None,  # battery and button may be heard
+    )
+
+
+def _has_idle_wheels(graph: Graph) -> bool:
+    """Return whether the drive bus of a robot passes commands to a controller, and the wheels do not turn.
+
+    Wheels without power are another finding.
+    """
+    volts = graph.battery[1] if graph.battery is not None else None
+    return (
+        graph.kind == "robot"
+        and graph.idle_wheels_s >= IDLE_WHEELS_S
+        and bool(graph.drive_bus_holder)
+        and not graph.drive_bus_locks
+        and any(listeners for _, listeners in graph.sink_subscriptions)
+        and (volts is None or volts >= MOTOR_SUPPLY_V)
     )
 
 

@@ -119,7 +119,7 @@ def find_wrong_neighbors(snapshot: Snapshot, path: Path) -> Iterator[Finding]:
         yield make_finding(
             "neighbor-wrong",
             where=end.machine,
-            cause=f"the {end.machine} sends everything for {address} to {entered or 'nobody'}, a permanent entry{whose}",
+            cause=f"the {end.machine} sends everything for {address} to {entered or 'no device'}, a permanent entry{whose}",
             evidence=(f"ip neigh show to {address}: {end.neighbor[0]}", end.line()),
             command=command_on(snapshot, end.machine, f"sudo ip neigh del {address} dev {end.interface}"),
             explains=ABOVE | {"link-dead", "robot-multi-homed"},

@@ -90,7 +90,7 @@ def _full_mount(snapshot: Snapshot, machine: str, mount: Mount) -> Iterator[Find
             where=machine,
             cause=f"{mount.path} has {mount.available_kb // 1000} MB left of {mount.size_kb // 1000} MB",
             evidence=(mount.raw,),
-            instruction=f"delete what nobody needs on {mount.path}; the command lists its largest folders",
+            instruction=f"delete what is not needed on {mount.path}; the command lists its largest folders",
             command=show_largest,
         )
     elif mount.inodes and mount.inodes_free / mount.inodes < FEW_INODES:
@@ -99,7 +99,7 @@ def _full_mount(snapshot: Snapshot, machine: str, mount: Mount) -> Iterator[Find
             where=machine,
             cause=f"{mount.path} has {mount.inodes_free} of {mount.inodes} inodes left",
             evidence=(mount.raw, f"inodes: {mount.inodes_free} free of {mount.inodes}"),
-            instruction=f"delete files that nobody needs on {mount.path}; the command lists the folders with the most files",
+            instruction=f"delete files that are not needed on {mount.path}; the command lists the folders with the most files",
             command=command_on(snapshot, machine, f"sudo du -x --inodes --max-depth=3 {mount.path} | sort -n | tail"),
         )
 
@@ -124,7 +124,7 @@ def find_memory_faults(snapshot: Snapshot) -> Iterator[Finding]:
                 where=facts.machine,
                 cause=f"{memory.available_kb // 1000} of {memory.total_kb // 1000} MB of memory are available, and no swap",
                 evidence=memory.lines,
-                instruction="end what nobody needs; the command lists the processes that use most memory, in KB",
+                instruction="end what is not needed; the command lists the processes that use most memory, in KB",
                 command=command_on(snapshot, facts.machine, "ps -eo rss,pid,args --sort=-rss | head"),
             )
         killed = [unit for unit in memory.units if unit.oom_kills]

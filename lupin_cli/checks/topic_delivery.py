@@ -135,7 +135,7 @@ def find_wrong_headers(snapshot: Snapshot) -> Iterator[Finding]:
 
 def _publishers(graph: Graph, name: str) -> str:
     seen = graph.topic(name)
-    return f"published by {', '.join(end.node for end in seen.publishers) if seen else 'nobody any more'}"
+    return f"published by {', '.join(end.node for end in seen.publishers)}" if seen else "not published any more"
 
 
 def _wrong_age_s(snapshot: Snapshot, graph: Graph, timing: Timing) -> float | None:

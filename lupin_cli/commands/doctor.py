@@ -17,7 +17,7 @@ import typer
 from lupin_cli.connection.options import ALL, ASK_SUDO, CONFIG, HOST, LIMIT, LOCAL, ROBOT
 from lupin_cli.exit_codes import INTERRUPTED, NO_RESULT, SUCCESS, USAGE_ERROR
 from lupin_cli.printed_commands import lupin, print_next
-from lupin_cli.terminal import confirm, echo, ending_in_order, erase_status_line, is_interactive, show_status_line
+from lupin_cli.terminal import confirm, echo, ending_in_order, erase_status_line, is_interactive, is_interrupt, show_status_line
 
 if TYPE_CHECKING:
     from lupin_cli.checks.base import Check, Finding, Gap
@@ -95,6 +95,8 @@ def command(
     except typer.Abort:  # Ctrl-C at a question
         status = INTERRUPTED
     except Exception as error:
+        if is_interrupt(error):
+            raise KeyboardInterrupt from error
         # Scripts distinguish a sick robot from a broken doctor by the status, so every defect exits with NO_RESULT.
         if "--debug" in sys.argv:
             raise

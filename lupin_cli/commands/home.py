@@ -23,9 +23,7 @@ def command(
     local: LOCAL = False,
     run: LIVE_RUN = None,
     patience_s: float = typer.Option(5.0, "--patience", min=0.0, help="Wait this many seconds for a missing controller."),
-    when_idle: bool = typer.Option(
-        False, "--when-idle", help="Wait until nobody uses the arm, instead of replacing its motion."
-    ),
+    when_idle: bool = typer.Option(False, "--when-idle", help="Wait until the arm is idle instead of replacing its motion."),
     wait_s: float = typer.Option(120.0, "--wait", min=0.0, max=3600.0, help="With --when-idle, wait at most this long, s."),
     config: CONFIG = None,
 ) -> None:

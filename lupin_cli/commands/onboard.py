@@ -105,6 +105,8 @@ def _print(found: Status, login: str) -> None:
     for problem in found.problems:
         echo(f"\n{problem.text}", err=True)
         print_next(complete(problem.next_command, robot=found.robot, login=login))
+    if not found.ready and not found.problems:
+        print_next(complete("lupin onboard status", robot=found.robot))  # it waits, or moves the arm home
 
 
 def _row(name: str, state: str, since: str, memory_mb: float | None, percent: float | None) -> str:

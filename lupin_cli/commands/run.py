@@ -60,7 +60,7 @@ def command(
     claim = None
     try:
         if joined.run is not None:
-            claim = take_place(joined.run, rows[process], replace=replace)
+            claim = take_place(joined.run, made.row, replace=replace)
         exit_status = run_in_foreground(made, joined.environment, joined.folder)
     except (Occupied, RunError) as error:
         echo(str(error), err=True)

@@ -7,7 +7,7 @@ import math
 import os
 import shutil
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lupin_cli.safe_console import SafeConsole
     from lupin_runtime.stack.options import Options
 
+LUPIN_ENGINE, SYSTEM_ENGINE = "lupin", "system"
 DEFAULT_GOAL = {"sim": "all", "robot": "5"}
 
 
@@ -75,6 +76,9 @@ def command(
     dependency_timeout_s: float = typer.Option(120.0, min=1.0, help="Let the mission wait this long for its dependencies, s."),
     overrides: Path = typer.Option(
         None, parser=user_path.path, help="Read approach poses of individual tags from this file (YAML)."
+    ),
+    engine: list[str] = typer.Option(
+        [], "--engine", metavar="PART=ENGINE", help="Use Nav2 or slam_toolbox, if installed: nav2=system, slam=system."
     ),
     detach: bool = typer.Option(
         False, "--detach", help="Return once all processes are up, or with the reason why not; follow it with: lupin status."
@@ -136,7 +140,9 @@ def command(
         monitoring_rounds=monitoring_rounds if monitoring_rounds is not None else int(target == "sim"),
         dependency_timeout_s=dependency_timeout_s,
         approach_overrides=overrides.resolve() if overrides else None,
+        system_engines=_system_engines(engine),
     )
+    _check_engines(options)
     if options.console:
         _report_taken_port(rosbridge_port)
     if detach:
@@ -193,6 +199,38 @@ def _why_no_cameras() -> str:
     from lupin_sim.graphics import DISABLED, NO_GRAPHICS, usable_backend
 
     return NO_GRAPHICS if usable_backend() == DISABLED else ""
+
+
+def _system_engines(choices: Sequence[str]) -> tuple[str, ...]:
+    """Return the parts of a run that `--engine` gives to the ROS distribution. Raises typer.BadParameter."""
+    from lupin_runtime.stack.table import TABLE
+
+    parts = [row.flag for row in TABLE if row.system is not None]
+    known = " or ".join(f"{part}={LUPIN_ENGINE}|{SYSTEM_ENGINE}" for part in parts)
+    chosen: dict[str, str] = {}
+    for choice in choices:
+        part, _, engine = choice.partition("=")
+        if part not in parts or engine not in (LUPIN_ENGINE, SYSTEM_ENGINE):
+            raise typer.BadParameter(f"expected {known}, found {choice!r}", param_hint="--engine")
+        if part in chosen:
+            raise typer.BadParameter(f"{part} is given twice: {chosen[part]} and {engine}", param_hint="--engine")
+        chosen[part] = engine
+    return tuple(part for part, engine in chosen.items() if engine == SYSTEM_ENGINE)
+
+
+def _check_engines(options: Options) -> None:
+    """Refuse an engine that has no part in the run, or that this machine does not have."""
+    from lupin_runtime.stack.engines import find_problem
+    from lupin_runtime.stack.table import rows
+
+    engines = {row.flag: row.system.engine for row in rows(options) if row.engine and row.system is not None}
+    for part in options.system_engines:
+        if part not in engines:
+            unless = "--map, which needs Lupin's own AMCL" if part == "slam" and options.map_file else f"--no-{part}"
+            raise typer.BadParameter(f"{part}={SYSTEM_ENGINE} does not go with {unless}; leave one out", param_hint="--engine")
+        if problem := find_problem(engines[part], os.environ):
+            echo(f"lupin up: --engine {part}={SYSTEM_ENGINE}: {problem}", err=True)
+            raise typer.Exit(USAGE_ERROR)
 
 
 def _check_foxglove_extra() -> None:
@@ -279,7 +317,7 @@ def _run(options: Options, unavailable: dict[str, str], as_json: bool, open_brow
         return USAGE_ERROR
     if runner.applied:
         console.print(f"variables from ros-env.sh: {', '.join(runner.applied)}")
-    for line in _not_started(unavailable):
+    for line in (*_not_started(unavailable), *_engine_lines(options)):
         console.print(line, soft_wrap=True)
     with view:
         console.print(f"run {runner.run.id}  logs: {runner.run.logs}", soft_wrap=True)
@@ -314,6 +352,14 @@ def _announce_console(folder: Path, console: SafeConsole, open_browser: bool) ->
 
 def _not_started(unavailable: dict[str, str]) -> list[str]:
     return [f"not started: {reason} (--no-{flag})" for flag, reason in unavailable.items()]
+
+
+def _engine_lines(options: Options) -> list[str]:
+    from lupin_runtime.stack.engines import describe
+    from lupin_runtime.stack.table import rows
+
+    systems = [(row.name, row.system.engine) for row in rows(options) if row.engine and row.system is not None]
+    return [f"{name}: {describe(engine, os.environ)}" for name, engine in systems]
 
 
 def _detach(unavailable: dict[str, str], as_json: bool) -> int:

@@ -123,6 +123,7 @@ class Graph:
     topics: tuple[ObservedTopic, ...] = ()
     samples: tuple[tuple[str, int], ...] = ()  # number of samples received, for each topic with a publisher
     inputs: tuple[DriveInput, ...] = ()
+    idle_wheels_s: float = 0.0  # for how long the odometry did not change while an input commanded the wheels
     controllers: tuple[Controller, ...] | None = None  # None if the controller manager did not answer
     calls: tuple[ServiceCall, ...] = ()
     battery: tuple[float | None, float | None] | None = None  # percentage and voltage; None for a value that is not a number
@@ -213,6 +214,7 @@ def _graph(document: Mapping[str, Any]) -> Graph:
         ),
         samples=tuple((name, int(sample["count"])) for name, sample in document["samples"].items()),
         inputs=tuple(DriveInput(name, seen["count"], seen["moving"]) for name, seen in document["inputs"].items()),
+        idle_wheels_s=float(document.get("idle_wheels_s", 0.0)),
         controllers=None if controllers is None else tuple(Controller(c["name"], c["state"]) for c in controllers),
         calls=tuple(
             ServiceCall(name, call["round_trip_s"], call.get("sent", True)) for name, call in document["calls"].items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from lupin_cli.connection.base import Output
@@ -13,6 +14,7 @@ from lupin_cli.facts.units import VENDOR
 from lupin_cli.systemd.units import AUTO_HOME, CAMERAS, ONBOARD
 from lupin_runtime.json_text import conform, parse_json
 from lupin_runtime.lights.robot_state import NAME
+from lupin_runtime.teleop.map_files import map_path
 from lupin_runtime.teleop.pad_maps import PadId, find_map, parse_bits
 
 UNITS = (VENDOR, ONBOARD, AUTO_HOME, CAMERAS)
@@ -41,6 +43,7 @@ for u in {ONBOARD} {CAMERAS}; do
   [ -r "$f" ] && echo "@@ run $u" && head -c 100000 "$f" && echo
 done
 f=/run/{ONBOARD.removesuffix(".service")}/{NAME}; [ -r "$f" ] && echo '@@ robot' && head -c 4096 "$f"
+echo '@@ calibrated'; ls "${{XDG_CONFIG_HOME:-$HOME/.config}}/lupin/pads" 2>/dev/null
 echo '@@ usage'; systemctl show --no-pager -p Id,MemoryCurrent,CPUUsageNSec {" ".join(UNITS)} 2>/dev/null
 for d in /sys/class/input/event*/device; do
   [ -r "$d/id/bustype" ] || continue
@@ -69,7 +72,7 @@ class Process:
 
 @dataclass(frozen=True)
 class Pad:
-    """A gamepad that Lupin knows, and whether the robot's user may read it."""
+    """A gamepad that Lupin knows, by its table or a calibration, and whether the robot's user may read it."""
 
     device: str
     name: str
@@ -93,12 +96,13 @@ def parse(output: Output) -> Onboard:
     """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
-    robot = sections.get("robot")
+    robot, calibrated = sections.get("robot"), sections.get("calibrated")
+    maps = frozenset(calibrated.lines if calibrated is not None else ())
     return Onboard(
         uptime_s=sections.number("uptime"),
         processes=tuple(process for section in sections.all("run") for process in _processes(section)),
         robot=conform(parse_json(robot.text), _ROBOT) if robot is not None and robot.text else None,
-        pads=tuple(pad for section in sections.all("input") if (pad := _pad(section)) is not None),
+        pads=tuple(pad for section in sections.all("input") if (pad := _pad(section, maps)) is not None),
         last_lines={section.argument: section.text for section in sections.all("journal")},
         memory_mb={unit: value / 1e6 for unit, value in _usage(sections.lines("usage"), "MemoryCurrent").items()},
         cpu_s={unit: value / 1e9 for unit, value in _usage(sections.lines("usage"), "CPUUsageNSec").items()},
@@ -122,16 +126,20 @@ def _processes(section: Section) -> list[Process]:
     ]
 
 
-def _pad(section: Section) -> Pad | None:
+def _pad(section: Section, calibrated: frozenset[str]) -> Pad | None:
+    """Return a gamepad; None for another input device. `calibrated` are the names of the files of calibrated ones."""
     if len(section.lines) < 8:
         return None  # it has just been unplugged
     readable, bus, vendor, product, version, keys, axes, name = section.lines[:8]
     try:
         codes = parse_bits(keys), parse_bits(axes)
-        found = find_map(PadId(int(bus, 16), int(vendor, 16), int(product, 16), int(version, 16), *codes))
+        identity = PadId(int(bus, 16), int(vendor, 16), int(product, 16), int(version, 16), *codes)
     except ValueError:
         return None
-    return Pad(section.argument, name.strip() or found.name, readable == "yes") if found is not None else None
+    row = find_map(identity)
+    if row is None and map_path(Path(), identity).name not in calibrated:
+        return None
+    return Pad(section.argument, name.strip() or (row.name if row is not None else "a calibrated gamepad"), readable == "yes")
 
 
 def _usage(lines: tuple[str, ...], name: str) -> dict[str, int]:

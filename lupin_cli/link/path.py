@@ -151,7 +151,7 @@ class Burst:
         if self.changed:
             counts.append(f"{self.changed} came in with other content")
         if self.unresolved:
-            counts.append(f"nobody answered the {self.sender}'s ARP requests")
+            counts.append(f"no machine answered the {self.sender}'s ARP requests")
         if self.silent_ports:
             counts.append(f"nothing on {', '.join(map(str, self.silent_ports))}")
         return "; ".join(counts)

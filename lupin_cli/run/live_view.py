@@ -52,8 +52,9 @@ def stage_table(state: dict[str, Any]) -> Table:
             note = f"{stage['waiting_s']:.0f} s for {'; '.join(stage['waiting_for'])}"
         if stage["restarts"]:
             note = f"restarted {stage['restarts']}×  {note}"
+        engine = f" ({stage['engine']})" if stage.get("engine") else ""
         table.add_row(
-            Text(f"{PHASE_MARK.get(phase, ' ')} {stage['name']}", style=style),
+            Text(f"{PHASE_MARK.get(phase, ' ')} {stage['name']}{engine}", style=style),
             f"{stage['up_after_s']:.1f} s" if stage["up_after_s"] is not None else "",
             f"{stage['cpu_percent']:.0f} %" if stage["pid"] else "",
             f"{stage['memory_mb']:.0f} MB" if stage["memory_mb"] else "",

@@ -27,7 +27,7 @@ from lupin_runtime.teleop import connected_pads
 from lupin_runtime.teleop.arm_jogger import AT_REST, ArmJogger
 from lupin_runtime.teleop.connected_pads import SCAN_PERIOD_S, ConnectedPads
 from lupin_runtime.teleop.jog_publisher import JogPublisher
-from lupin_runtime.teleop.keyboard import KeyboardDriver, is_end, split_keys
+from lupin_runtime.teleop.keyboard import HOLD_S, KeyboardDriver, is_end, split_keys
 from lupin_runtime.teleop.map_files import map_folder
 from lupin_runtime.teleop.pad_driver import PadDriver
 
@@ -176,18 +176,31 @@ def _read_terminal() -> bytes:
         return b""
 
 
+def _read_keys(is_late: bool) -> list[str] | None:
+    """Return the keys that wait to be read; None if one of them ends the driving, or the terminal is gone.
+
+    `is_late`: this process was held up, so they may have been typed long ago, and only those count that end the driving.
+    """
+    while select.select([sys.stdin], [], [], 0.0)[0]:
+        data = _read_terminal()
+        if not data or is_end(data):
+            return None
+        if not is_late:
+            return split_keys(data.decode(errors="replace"))
+    return []
+
+
 def drive(session: RosSession, *, reads_pads: bool) -> None:
     """Drive until a key ends it or the terminal is closed. If the terminal does not take the view, nothing is sent."""
-    teleop, paint_at = TeleopSession(session.node, reads_pads=reads_pads), 0.0
+    teleop, paint_at, read_s = TeleopSession(session.node, reads_pads=reads_pads), 0.0, time.monotonic()
     try:
         with unbuffered_terminal(), Repainter(SafeConsole()) as repainter:
             while True:
-                keys: list[str] = []
-                if select.select([sys.stdin], [], [], STEP_S)[0]:
-                    data = _read_terminal()
-                    if not data or is_end(data):
-                        return
-                    keys = split_keys(data.decode(errors="replace"))
+                select.select([sys.stdin], [], [], STEP_S)
+                was_read_s, read_s = read_s, time.monotonic()
+                keys = _read_keys(is_late=read_s - was_read_s > HOLD_S)
+                if keys is None:
+                    return
                 session.handle_waiting()
                 teleop.step(keys, time.monotonic_ns())
                 if time.monotonic() >= paint_at:

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from lupin_cli.run.voice_connection import VoiceConnection, connect, new_identifier
+from lupin_cli.run.voice_connection import Console, VoiceConnection, connect, new_identifier
 from lupin_cli.run.voice_sources import Microphone, hear_file, read_lines
 from lupin_cli.terminal import confirm, echo, is_interactive
 from lupin_runtime.voice.dialog import Dialog, Reply, Turn
@@ -32,7 +32,7 @@ _LETTERS = {"y": "yes", "n": "no", "j": "ja"}
 
 @dataclass(frozen=True)
 class Options:
-    """What the command was asked for. Without a URL, calls are shown and not sent."""
+    """What the command was asked for. Without a console, calls are shown and not sent."""
 
     sentence: str | None
     is_typed: bool
@@ -40,11 +40,11 @@ class Options:
     language: Language
     speaks: bool
     as_json: bool
-    url: str | None
+    console: Console | None
 
 
-def find_console(run: str | None) -> str:
-    """Return the URL of the console of a live run. Raises RunError."""
+def find_console(run: str | None) -> Console:
+    """Return the console of a live run. Raises RunError."""
     from lupin_runtime.console.description import read_description
     from lupin_runtime.stack.runs import RunError, find_live_run
 
@@ -52,7 +52,7 @@ def find_console(run: str | None) -> str:
     description = read_description(folder) or read_description(folder / "console-foreground")
     if description is None:
         raise RunError(NO_CONSOLE)
-    return description.url
+    return Console(description.url.rstrip("/"))
 
 
 def names_of_this_computer() -> Names:
@@ -83,11 +83,15 @@ def run_session(options: Options) -> bool:
 
 
 async def _run(options: Options) -> bool:
-    async with contextlib.AsyncExitStack() as stack:
-        connection = await stack.enter_async_context(connect(options.url)) if options.url else None
-        names = names_of_this_computer() if connection is None else Names()
-        session = _Session(options, connection, Dialog(connection, options.language, names))
-        return await session.run(stack)
+    opening: contextlib.AbstractAsyncContextManager[VoiceConnection | None] = contextlib.nullcontext()
+    if options.console is not None:
+        opening = connect(options.console)
+    # The microphone, whose end may take seconds, is closed after the connection, whose end is that of control.
+    with contextlib.ExitStack() as microphone:
+        async with opening as connection:
+            names = names_of_this_computer() if connection is None else Names()
+            session = _Session(options, connection, Dialog(connection, options.language, names))
+            return await session.run(microphone)
 
 
 class _Session:
@@ -100,28 +104,27 @@ class _Session:
         self._is_done = True
         self._waiting: asyncio.Queue[Turn | None] = asyncio.Queue()
 
-    async def run(self, stack: contextlib.AsyncExitStack) -> bool:
+    async def run(self, stack: contextlib.ExitStack) -> bool:
         if self._connection is not None:
             await self._dialog.load_names()
         feeder = asyncio.ensure_future(self._feed(self._source(stack)))
         worker = asyncio.ensure_future(self._work())
+        running: set[asyncio.Future[None]] = {feeder, worker}
+        if self._connection is not None:
+            running.add(asyncio.ensure_future(self._connection.wait_until_lost()))
         try:
-            await asyncio.wait({feeder, worker}, return_when=asyncio.FIRST_COMPLETED)
-            if not worker.done():
-                self._waiting.put_nowait(None)
-                await worker
-            else:
-                worker.result()
-            await feeder
+            await _wait_for(feeder, running)
+            self._waiting.put_nowait(None)
+            await _wait_for(worker, running)
         finally:
-            for task in (feeder, worker):
+            for task in running:
                 task.cancel()
-            await asyncio.gather(feeder, worker, return_exceptions=True)
+            await asyncio.gather(*running, return_exceptions=True)
         if self._connection is not None:
             await self._connection.wait_until_idle()
         return self._is_done
 
-    def _source(self, stack: contextlib.AsyncExitStack) -> AsyncIterator[Turn]:
+    def _source(self, stack: contextlib.ExitStack) -> AsyncIterator[Turn]:
         options = self._options
         if options.sentence is not None:
             return _one(options.sentence)
@@ -197,3 +200,12 @@ class _Session:
 
 async def _one(sentence: str) -> AsyncIterator[Turn]:
     yield Turn(sentence, "text", new_identifier())
+
+
+async def _wait_for(task: asyncio.Future[None], running: set[asyncio.Future[None]]) -> None:
+    """Wait for a task, and raise at once what any of `running` raises: without microphone or connection, nothing goes on."""
+    while not task.done():
+        await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
+        for done in [each for each in running if each.done()]:
+            running.remove(done)
+            done.result()

@@ -6,9 +6,10 @@ import asyncio
 import contextlib
 import os
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
 from dataclasses import dataclass
-from typing import TextIO
+from typing import Any, TextIO, TypeVar
 
 from lupin_cli.run.voice_connection import new_identifier
 from lupin_runtime.voice.dialog import Agent, Turn
@@ -19,6 +20,10 @@ from lupin_runtime.voice.speech import SpeechUnavailable
 from lupin_runtime.voice.spotting_endpointer import SpottingEndpointer
 
 _MAX_READ = 4096
+_KEPT_STOPS = 8
+_STOP_TIMEOUT_S = 2.0
+
+Result = TypeVar("Result")
 
 
 async def read_lines(stream: TextIO) -> AsyncIterator[Turn]:
@@ -63,12 +68,11 @@ def _utterances(frames: Iterator[bytes]) -> Iterator[bytes]:
 
 @dataclass(frozen=True)
 class _Event:
-    """An edge of the utterance with this id, with its sound at its end; or the end of the microphone, and why."""
+    """An edge of the utterance with this id, with its sound at its end; without an edge, the end of the sound."""
 
     identifier: str
     edge: Edge | None
     sound: bytes = b""
-    problem: SpeechUnavailable | None = None
 
 
 class Microphone:
@@ -94,31 +98,44 @@ class Microphone:
         self._is_talking = is_talking
         self._loop = asyncio.get_running_loop()
         self._events = asyncio.Queue[_Event]()
-        self._stopped = ""  # id of the last utterance that has stopped
+        self._spotted = deque[str](maxlen=_KEPT_STOPS)  # ids of the last utterances in which a stop was spotted,
+        self._read = deque[str](maxlen=_KEPT_STOPS)  # and of those whose whole sentence had one
         self._stops: set[asyncio.Task[None]] = set()
+        self._lost: asyncio.Future[SpeechUnavailable] = self._loop.create_future()  # done once the microphone is lost
 
     async def turns(self) -> AsyncIterator[Turn]:
-        """Yield the sentences. Raises SpeechUnavailable when the microphone fails."""
+        """Yield the sentences. Raises SpeechUnavailable as soon as the microphone is lost, whatever is in work."""
         threading.Thread(target=self._listen, name="lupin-voice-microphone", daemon=True).start()
         ignored = ""
-        while (event := await self._events.get()).edge is not None:
+        while (event := await self._unless_lost(self._events.get())).edge is not None:
             if event.edge is Edge.BEGIN and self._is_talking():
                 ignored = event.identifier
             if ignored != event.identifier:
-                await self._announce(event.identifier, ended=event.edge is Edge.END)
+                await self._unless_lost(self._announce(event.identifier, ended=event.edge is Edge.END))
             if event.edge is Edge.BEGIN:
                 continue
-            sentence = await asyncio.to_thread(self._recognizer.transcribe, event.sound)
-            if self._stopped == event.identifier:
+            sentence = await self._unless_lost(asyncio.to_thread(self._recognizer.transcribe, event.sound))
+            if event.identifier in self._spotted:
                 continue
             has_stop = has_stop_word(sentence)
             if has_stop:
-                self._stopped = event.identifier
+                self._read.append(event.identifier)
             if ignored != event.identifier or has_stop:
                 yield Turn(sentence, "speech", event.identifier)
         await asyncio.gather(*self._stops)
-        if event.problem is not None:
-            raise event.problem
+
+    async def _unless_lost(self, work: Coroutine[Any, Any, Result]) -> Result:
+        task = asyncio.ensure_future(work)
+        waited: tuple[asyncio.Future[Any], ...] = (task, self._lost)
+        try:
+            await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED)
+            if self._lost.done():
+                if self._stops:  # a stop that was heard is carried out all the same
+                    await asyncio.wait(self._stops, timeout=_STOP_TIMEOUT_S)
+                raise self._lost.result()
+            return task.result()
+        finally:
+            task.cancel()
 
     async def _announce(self, identifier: str, *, ended: bool) -> None:
         if self._agent is not None:
@@ -126,33 +143,41 @@ class Microphone:
 
     # -- in the thread of the microphone --------------------------------------------------------------------------------
     def _listen(self) -> None:
-        identifier, problem = "", None
-        spotting = SpottingEndpointer(self._recognizer, lambda text: self._post_stop(identifier, text))
+        prefix = new_identifier()
+
+        def identifier(number: int) -> str:
+            return f"{prefix}-{number}"
+
+        spotting = SpottingEndpointer(self._recognizer, lambda text, number: self._post_stop(identifier(number), text))
         try:
             for frame in self._frames:
                 edge = spotting.push(frame)
-                if edge is Edge.BEGIN:
-                    identifier = new_identifier()
                 if edge is not None:
                     sound = spotting.utterance if edge is Edge.END else b""
-                    self._post(_Event(identifier, edge, sound))
+                    self._post(_Event(identifier(spotting.number), edge, sound))
         except SpeechUnavailable as error:
-            problem = error
-        spotting.close()
-        self._post(_Event("", None, problem=problem))
+            self._call(self._note_loss, error)
+        spotting.close()  # after the window that it hears now
+        self._post(_Event("", None))
 
     def _post(self, event: _Event) -> None:
+        self._call(self._events.put_nowait, event)
+
+    def _call(self, function: Callable[[Any], None], argument: Any) -> None:
+        """Call a function in the event loop."""
         with contextlib.suppress(RuntimeError):  # the loop has ended, after Ctrl-C
-            self._loop.call_soon_threadsafe(self._events.put_nowait, event)
+            self._loop.call_soon_threadsafe(function, argument)
 
     def _post_stop(self, identifier: str, text: str) -> None:
-        def start() -> None:
-            if self._stopped == identifier:  # the whole sentence was recognized before
+        def start(text: str) -> None:
+            if identifier in self._read:  # the whole sentence was recognized before
                 return
-            self._stopped = identifier
+            self._spotted.append(identifier)
             task = asyncio.ensure_future(self._stop(Turn(text, "speech", identifier)))
             self._stops.add(task)
             task.add_done_callback(self._stops.discard)
 
-        with contextlib.suppress(RuntimeError):  # as above
-            self._loop.call_soon_threadsafe(start)
+        self._call(start, text)
+
+    def _note_loss(self, problem: SpeechUnavailable) -> None:
+        self._lost.set_result(problem)

@@ -29,6 +29,7 @@ from lupin_runtime import graph, home_report
 from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.idle_watch import IdleWatch
 from lupin_runtime.arm.joint_state import arm_state
+from lupin_runtime.arm.motion import RESERVED
 from lupin_runtime.environment import is_off
 from lupin_runtime.exit_codes import ESTOPPED, FAILURE, SUCCESS
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
@@ -46,6 +47,10 @@ _ESTOPPED = f"{ESTOP_ENGAGED}: the arm is not moved; after its release: lupin ho
 
 class NotHome(RuntimeError):
     """The arm was not sent home; the message gives the reason."""
+
+
+class NotIdle(NotHome):
+    """Somebody uses the arm, so it is left alone."""
 
 
 class Estopped(NotHome):
@@ -119,20 +124,27 @@ class AutoHome:
         self._wait(self._preset.service_is_ready, self._limits.preset_s, f"the service {graph.ARM_PRESET.name}")
         if self._unattended:
             self._wait(lambda: self._status_received, self._limits.preset_s, graph.ESTOP_STATUS.name)
-        if self._limits.idle_s is not None:
-            self._wait_until_idle(self._limits.idle_s)
+        is_idle = False
+        while not is_idle:
+            if self._limits.idle_s is not None:
+                self._wait_until_idle(self._limits.idle_s)
+            self._settle()  # during which somebody may begin to use the arm
+            is_idle = self._limits.idle_s is None or not self._idle.reason(self._monotonic_ns())
+        self._go_home()
+
+    def _settle(self) -> None:
+        """Announce the motion for a moment, and wait for an e-stop that nobody pressed."""
         home_report.write_report(home_report.HOMING)
         self._spin_for(self._limits.settle_s)
         while self._engaged_s is not None:
             self._wait(lambda: self._engaged_s is None, self._limits.release_s, "the e-stop, which has not heard every source")
             self._spin_for(self._limits.settle_s)  # the arm's service may notice the release a little later
-        self._go_home()
 
     def _wait_until_idle(self, limit_s: float) -> None:
         deadline, said = self._now_s() + self._bounded_s(limit_s), ""
         while reason := self._idle.reason(self._monotonic_ns()):
             if self._now_s() > deadline:
-                raise NotHome(f"the arm was not idle within {limit_s:g} s: {reason}")
+                raise NotIdle(f"the arm was not idle within {limit_s:g} s: {reason}")
             if reason != said:
                 self._say(f"waiting until the arm is idle: {reason}")
             said = reason
@@ -178,6 +190,8 @@ class AutoHome:
                 return
             if answer is not None and answer.message.startswith(ESTOP_ENGAGED):
                 raise Estopped(answer.message)
+            if answer is not None and answer.message.startswith(RESERVED) and self._limits.idle_s is None:
+                raise NotIdle(answer.message)  # sent home a moment later, it would meet the hand of whoever used it
             if self._now_s() + RETRY_S > deadline:
                 reason = "no response" if answer is None else answer.message
                 raise NotHome(f"{graph.ARM_PRESET.name} did not send the arm home: {reason}")
@@ -298,7 +312,7 @@ def main(arguments: list[str]) -> int:
         "--unattended", action="store_true", help=f"exit with 4 if the e-stop was pressed in the last {BETWEEN_ATTEMPTS_S:g} s"
     )
     parser.add_argument(
-        "--when-idle", type=float, metavar="S", help="wait up to S seconds until nobody uses the arm, then send it home"
+        "--when-idle", type=float, metavar="S", help="wait up to S seconds until the arm is idle, then send it home"
     )
     options = parser.parse_args(arguments)
     if opted_out(os.environ):
@@ -306,7 +320,8 @@ def main(arguments: list[str]) -> int:
         print("LUPIN_AUTO_HOME disables auto-home: the arm is not moved")
         return SUCCESS
     began_s = time.monotonic()
-    home_report.write_report(home_report.ACTIVATING)
+    if options.when_idle is None:
+        home_report.write_report(home_report.ACTIVATING)
 
     def say(line: str) -> None:
         print(f"{time.monotonic() - began_s:6.1f} s  {line}", flush=True)
@@ -319,11 +334,8 @@ def main(arguments: list[str]) -> int:
     try:
         home.run()
     except NotHome as reason:
-        is_estop = isinstance(reason, Estopped)
-        failed = home_report.RETRYING if options.unattended else home_report.FAILED
-        home_report.write_report(home_report.ESTOPPED if is_estop else failed, str(reason))
         print(reason, file=sys.stderr)
-        return ESTOPPED if is_estop else FAILURE
+        return _report_failure(reason, options.unattended)
     except ExternalShutdownException:
         home_report.write_report(home_report.FAILED, "auto-home was stopped before the arm was home")
         print("stopped before the arm was home", file=sys.stderr)
@@ -334,6 +346,19 @@ def main(arguments: list[str]) -> int:
         rclpy.try_shutdown()
     home_report.write_report(home_report.HOME)
     return SUCCESS
+
+
+def _report_failure(reason: NotHome, unattended: bool) -> int:
+    """Write why the arm was not sent home; return the exit status. systemd tries again, unless that is ESTOPPED."""
+    if isinstance(reason, NotIdle):
+        # The arm is in somebody's hands, who needs no help.
+        home_report.write_report(home_report.OFF, str(reason))
+        return ESTOPPED if unattended else FAILURE
+    if isinstance(reason, Estopped):
+        home_report.write_report(home_report.ESTOPPED, str(reason))
+        return ESTOPPED
+    home_report.write_report(home_report.RETRYING if unattended else home_report.FAILED, str(reason))
+    return FAILURE
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool
 from lupin_runtime import graph
 from lupin_runtime.arm import async_wait
 from lupin_runtime.arm.calibration import HOME_COUNTS, ServoOffset, State, find_offset
-from lupin_runtime.arm.motion import CALIBRATING, Refused
+from lupin_runtime.arm.motion import CALIBRATING, FRESH_S, Refused
 from lupin_runtime.arm.shared_arm import ArmNode
 from lupin_runtime.arm.torque import PIN_SETTLE_S
 from lupin_runtime.safety.estop_subscription import subscribe_estop
@@ -188,7 +188,7 @@ class ArmCalibrateServer(ArmNode):
         except _Estopped:
             self._stop_servos()
         await async_wait.sleep(self, PIN_SETTLE_S)
-        self.motion.pin()
+        self.motion.pin(FRESH_S)
         await async_wait.sleep(self, PIN_SETTLE_S)
         await self._switch(graph.VENDOR_ARM_GATE, True)
         if zero and self._estop_count != self.motion.estop_count:

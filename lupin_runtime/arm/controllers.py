@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from lupin_runtime import graph
+
+ARM_ACTIONS = (graph.GRIPPER_COMMAND.name, graph.ARM_FOLLOW_TRAJECTORY.name)  # of the vendor's controllers of arm and gripper
 ACTIVE = "active"
 UNCONFIGURED = "unconfigured"
 FINALIZED = "finalized"

@@ -10,20 +10,20 @@ from sensor_msgs.msg import JointState
 
 from lupin_runtime import graph
 from lupin_runtime.arm.backup_hold import BackupHold
-from lupin_runtime.arm.goal_canceler import GoalCanceler
+from lupin_runtime.arm.controllers import ARM_ACTIONS
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.arm.limits import Arm
 from lupin_runtime.arm.messages import poses_of, trajectory_message
 from lupin_runtime.arm.trajectory import MIN_DURATION_S, to_pose
 from lupin_runtime.heartbeat import names_process
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import qos_profile
-from lupin_runtime.ros.polled_subscription import PolledGroup
+from lupin_runtime.ros.goal_canceler import GoalCanceler
+from lupin_runtime.ros.polled_subscription import take_newest_with
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 BODY = "body"  # the process of the stack's table that sends Lupin's arm commands
 PERIOD_S = 0.1
-_MARK = graph.ARM_JOINTS[0].encode()
+_MARK = graph.ARM_JOINTS[0].encode()  # the wheels may be published in separate messages
 
 
 class ArmGuard(LupinNode):
@@ -37,15 +37,8 @@ class ArmGuard(LupinNode):
         self._hold = BackupHold()
         self._acts = self._estop_engaged = False
         self._publisher = self.publisher(graph.ARM_TRAJECTORY)
-        self._canceler = GoalCanceler(self)
-        self._joints = self.create_subscription(
-            JointState,
-            graph.JOINT_STATES.name,
-            lambda _: None,
-            qos_profile(graph.BEST5),
-            callback_group=PolledGroup(),
-            raw=True,
-        )
+        self._canceler = GoalCanceler(self, ARM_ACTIONS)
+        self._joints = self.polled_subscription(graph.JOINT_STATES, graph.BEST5)
         subscribe_estop(self, self._on_estop)
         self.subscription(graph.ARM_TRAJECTORY, self._on_trajectory)
         # Real time, like the supervisor's messages and the e-stop's.
@@ -77,13 +70,9 @@ class ArmGuard(LupinNode):
 
     def _new_pose(self) -> Arm | None:
         """Return the newest pose that has arrived since the last call, in rad; None if none has."""
-        newest = None
-        with self._joints.handle:
-            while (taken := self._joints.handle.take_message(JointState, True)) is not None:
-                # The wheels may be published in separate messages.
-                newest = taken[0] if _MARK in taken[0] else newest
+        newest = take_newest_with(self._joints, _MARK)
         if newest is None:
             return None
-        message = deserialize_message(newest, JointState)
+        message = deserialize_message(newest.data, JointState)
         state = arm_state(message.name, message.position, 0)
         return None if state is None else state.arm

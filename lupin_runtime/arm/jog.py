@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from lupin_runtime.arm.limits import GRIPPER_CLOSED_RAD, GRIPPER_OPEN_RAD, Arm, window
-from lupin_runtime.arm.motion import ArmMotion, ArmState, Refused
+from lupin_runtime.arm.motion import HOLD_FRESH_S, ArmMotion, ArmState, Refused
 from lupin_runtime.graph import ARM_JOINTS, GRIPPER_JOINT
 
 SILENT_S = 0.25  # after which a source that jogs is lost
@@ -183,10 +183,13 @@ class ArmJog:
                 self.refusal = self.refusal or RELEASE_FIRST
                 return
             self._begin(rates)
-        state = self._fresh_state()
+        self._fresh_state()
         integrator = self._integrator
         assert integrator is not None
         self._require_permission()
+        state = self._motion.state(fresh=True, max_age_s=HOLD_FRESH_S)
+        if state is None:
+            return  # commands near an older pose would throw a moving arm back
         before = integrator.arm, integrator.gripper
         integrator.step(rates, state, now_ns)
         if any(rates.arm) or integrator.arm != before[0]:
@@ -208,9 +211,12 @@ class ArmJog:
         """End the jog. The arm stops where it is, unless somebody else has stopped it already."""
         integrator, self._integrator = self._integrator, None
         was_source, self._source, self._at_rest, self.refusal = self._source, "", "", refusal
-        state = self._motion.state(fresh=True)
+        state = self._motion.state(fresh=True, max_age_s=HOLD_FRESH_S)
+        is_ours = was_source and integrator is not None and self._counts[1] == self._motion.stop_count
         try:
-            if was_source and integrator is not None and state is not None and self._counts[1] == self._motion.stop_count:
+            if is_ours and state is None:
+                self._motion.stop(0.0)
+            elif is_ours and integrator is not None and state is not None:
                 before = integrator.arm
                 integrator.step(JogRates(was_source), state, 0)
                 if integrator.arm != before:

@@ -29,6 +29,7 @@ STATE_HZ = 5.0
 SAMPLE_HZ = 50.0  # only while something records
 PLAY_HZ = 100.0  # only while something plays: the gripper's goals of a replay are late by up to a period
 STOP_S = 0.3
+HELD_UP_S = 0.5  # between two samples of a replay
 GRIPPER_RATE_DEGPS = 45.0
 # set_torque waits for two services in sequence, and possibly for an earlier call of set_torque.
 TORQUE_ANSWER_S = 12.0
@@ -47,6 +48,8 @@ class _Activity:
     recorder: ArmRecorder | None = None
     player: ArmPlayer | None = None
     estop_count: int = 0  # the arm's count when the activity was accepted
+    stop_count: int = 0  # the arm's count when the replay was sent
+    sampled_ns: int = 0  # when the last sample was taken, in monotonic time
 
     @property
     def limp(self) -> bool:
@@ -155,6 +158,8 @@ class ArmLibraryServer(ArmNode):
             except Refused:
                 self._end(activity)
                 raise
+        if self._activity is not activity:
+            raise Refused("stopped before it began")
         self._run(activity)
         return f"recording, {mode}"
 
@@ -205,6 +210,7 @@ class ArmLibraryServer(ArmNode):
             if self._activity is not activity:
                 raise Refused("stopped before it began")
             self.motion.require_released(since=activity.estop_count)
+            activity.stop_count = self.motion.stop_count
             path = self.motion.play(points_of(sequence), request.speed, _holder(activity))
         except _REFUSALS as refusal:
             self._end(activity)
@@ -234,7 +240,7 @@ class ArmLibraryServer(ArmNode):
 
     def _run(self, activity: _Activity) -> None:
         if self._activity is activity:
-            activity.began_ns = self.elapsed_clock_ns()
+            activity.began_ns, activity.sampled_ns = self.elapsed_clock_ns(), self.monotonic_ns()
             self._sampler = self.create_timer(1.0 / (PLAY_HZ if activity.player is not None else SAMPLE_HZ), self._on_sample)
 
     def _end(self, activity: _Activity | None) -> None:
@@ -259,16 +265,30 @@ class ArmLibraryServer(ArmNode):
             state = self.motion.state(fresh=True)
             if state is not None:
                 activity.recorder.offer(elapsed_s, state.arm, state.gripper)
-        if activity.player is not None and activity.estop_count != self.motion.estop_count:
-            self._aborted = ESTOP_ENGAGED
-            self.get_logger().warning(f"{_holder(activity)} aborted: {ESTOP_ENGAGED}")
+        if activity.player is not None and (reason := self._interruption(activity)):
+            self._aborted = reason
+            self.get_logger().warning(f"{_holder(activity)} aborted: {reason}")
             self._end(activity)
+            if reason != ESTOP_ENGAGED:
+                self.motion.stop_soon()
         elif activity.player is not None:
             angle = activity.player.due(elapsed_s)
             if angle is not None:
                 self._send_gripper(angle)
             if activity.player.over(elapsed_s) or self.motion.torque is False:
                 self._end(activity)
+
+    def _interruption(self, activity: _Activity) -> str:
+        """Return why a replay must not go on; an empty string if it may."""
+        now_ns, before_ns = self.monotonic_ns(), activity.sampled_ns
+        activity.sampled_ns = now_ns
+        if activity.estop_count != self.motion.estop_count:
+            return ESTOP_ENGAGED
+        if activity.stop_count != self.motion.stop_count:
+            return "the arm was stopped"
+        held_up_s = 0.0 if self.simulated_time else (now_ns - before_ns) / 1e9  # a simulation may pause, and its arm with it
+        # The arm's guard may have held the arm meanwhile.
+        return f"this process was held up for {held_up_s:.1f} s" if held_up_s > HELD_UP_S else ""
 
     async def _set_torque(self, on: bool) -> None:
         """Switch the torque. Raises Refused unless the switch is confirmed."""
@@ -277,7 +297,6 @@ class ArmLibraryServer(ArmNode):
             raise Refused(f"{graph.ARM_SET_TORQUE.name} did not respond; check that gripper_action_bridge runs")
         if not answer.success:
             raise Refused(answer.message)
-        self.motion.torque = on
 
     def _send_gripper(self, angle_rad: float) -> None:
         if not self._gripper.service_is_ready():

@@ -15,7 +15,7 @@ from lupin_runtime.arm.motion import ArmState
 from lupin_runtime.arm.shared_arm import ArmNode
 from lupin_runtime.arm.stall import BlockedJoint, StallWatch
 
-TICK_S = 0.1
+TICK_S = 0.2
 REPEAT_S = 1.0  # of a status that has not changed
 
 
@@ -39,6 +39,7 @@ class ArmMonitor(ArmNode):
             self._watch.expect(path_of(message), state.arm, self.elapsed_clock_ns())
 
     def _on_tick(self) -> None:
+        self.motion.hold_if_due()
         now_ns, state = self.elapsed_clock_ns(), self.motion.state(fresh=True)
         is_limp = self.motion.torque is False
         self._find_blocked(state, is_limp, now_ns)

@@ -23,7 +23,10 @@ from lupin_runtime.safety.estop_monitor import DRAIN_S, ESTOP_ENGAGED, ESTOP_NOT
 DEFAULT_RATE_RADPS = math.radians(60.0)
 # A joint is assumed to be at its last command, unless feedback of at most this age differs by more than this angle.
 FRESH_S = 0.5
+# To hold the arm, feedback must be newer: a moving arm would jump back to a pose of half a second ago.
+HOLD_FRESH_S = 0.1
 DRIFT_RAD = 0.08
+RESERVED = "the arm is reserved"  # by which the refusals begin that say so
 CALIBRATING = "calibrating"  # the holder during which only the calibration switches the torque
 # The largest speed of the move to the first point of a replay.
 LEAD_IN_RADPS = 0.8
@@ -73,10 +76,10 @@ class ArmMotion:
         self.torque: bool | None = None  # None: not switched yet; the vendor starts with torque on
 
     # -- reading ------------------------------------------------------------------------------------------------------
-    def state(self, fresh: bool = False) -> ArmState | None:
-        """Return the newest feedback; with `fresh`, None if it is older than FRESH_S."""
+    def state(self, fresh: bool = False, max_age_s: float = FRESH_S) -> ArmState | None:
+        """Return the newest feedback; with `fresh`, None if it is older than `max_age_s`."""
         state = self._feedback()
-        if state is None or (fresh and not 0 <= self._clock_ns() - state.received_ns <= FRESH_S * 1e9):
+        if state is None or (fresh and not 0 <= self._clock_ns() - state.received_ns <= max_age_s * 1e9):
             return None
         return state
 
@@ -114,16 +117,29 @@ class ArmMotion:
         with self._lock:
             self._estop_known = True
             was_engaged, self._estop_engaged = self._estop_engaged, engaged
-            if engaged and not was_engaged:
+            is_press = engaged and not was_engaged
+            if is_press:
                 self.estop_count += 1
                 self._hold_due = self.torque is not False
             elif was_engaged and (not engaged or self._has_left_held_pose()):
                 self._send_held_pose()
             if was_engaged and not engaged:
                 self._released_ns = self._real_ns()
-            if self._hold_due:
+            # If no feedback of now has come when the state is repeated, 0.2 s later, what there is must do.
+            self.hold_if_due(HOLD_FRESH_S if is_press else FRESH_S)
+
+    def hold_if_due(self, max_age_s: float = FRESH_S) -> None:
+        """Hold the present pose if a stop waits for feedback; call it a few times per second."""
+        with self._lock:
+            if self._hold_due and self.torque is not False:
                 with suppress(Refused):
-                    self.pin()
+                    self.pin(max_age_s)
+
+    def stop_soon(self) -> None:
+        """Stop as `stop` does, but with later feedback: what there is may have waited while this process was held up."""
+        with self._lock:
+            self.stop_count += 1
+            self._hold_due = True
 
     def counter(self, path: Sequence[tuple[float, ...]]) -> None:
         """Replace another publisher's trajectory by the held pose while the e-stop is engaged. `path` are its points."""
@@ -155,11 +171,11 @@ class ArmMotion:
             raise Refused(f"{ESTOP_ENGAGED}: the arm is not moved; after its release, repeat the command")
 
     # -- moving -------------------------------------------------------------------------------------------------------
-    def pin(self) -> Arm:
+    def pin(self, max_age_s: float = HOLD_FRESH_S) -> Arm:
         """Command the arm to hold its present pose. Raises Refused without fresh feedback."""
         with self._lock:
             self._require_listener()
-            state = self.state(fresh=True)
+            state = self.state(fresh=True, max_age_s=max_age_s)
             if state is None:
                 raise Refused("the arm's pose is unknown: no fresh /joint_states with all four arm joints")
             self.stop_count += 1
@@ -167,12 +183,14 @@ class ArmMotion:
             return self._send_path(to_pose(state.arm, MIN_DURATION_S))
 
     def stop(self, duration_s: float) -> None:
-        """Replace the current motion by holding the present pose, if it is known."""
+        """Replace the current motion by holding the present pose; if that is not known, as soon as it is."""
         with self._lock:
             self.stop_count += 1
-            state = self.state(fresh=True)
+            state = self.state(fresh=True, max_age_s=HOLD_FRESH_S)
             if state is not None:
                 self._send_path(to_pose(state.arm, duration_s))
+            else:
+                self._hold_due = True
 
     def stop_unfinished(self) -> bool:
         """Hold the present pose if a trajectory has not ended yet, because this process exits; return whether it was sent.
@@ -180,9 +198,11 @@ class ArmMotion:
         The controller would follow a replay to its end although no process is left that could stop it.
         """
         with self._lock:
-            if self.torque is False or self._clock_ns() >= self._ends_ns or self.state(fresh=True) is None:
+            state = self.state(fresh=True)
+            if self.torque is False or self._clock_ns() >= self._ends_ns or state is None:
                 return False
-            self.stop(MIN_DURATION_S)
+            self.stop_count += 1
+            self._send_path(to_pose(state.arm, MIN_DURATION_S))
             self._ends_ns = 0  # several nodes share the arm
             return True
 
@@ -256,7 +276,7 @@ class ArmMotion:
     def _require_free(self, holder: str | None) -> None:
         if self._holder not in (None, holder):
             service = ARM_CALIBRATE.name if self._holder == CALIBRATING else ARM_LIBRARY_STOP.name
-            raise Refused(f"the arm is reserved: {self._holder}; stop that with {service}")
+            raise Refused(f"{RESERVED}: {self._holder}; stop that with {service}")
 
     def _assumed_pose(self) -> Arm:
         """Return the pose in which the joints stay that are not moved: each joint's last command, or feedback if it differs.

@@ -16,18 +16,20 @@ from std_srvs.srv import SetBool
 from lupin_runtime import graph
 from lupin_runtime.arm import async_wait
 from lupin_runtime.arm.calibrate_server import ArmCalibrateServer
-from lupin_runtime.arm.goal_canceler import GoalCanceler
+from lupin_runtime.arm.controllers import ARM_ACTIONS
 from lupin_runtime.arm.library_server import ArmLibraryServer
 from lupin_runtime.arm.limits import GRIPPER_MAX_EFFORT, gripper_rad
 from lupin_runtime.arm.motion import CALIBRATING, Refused
 from lupin_runtime.arm.presets import PRESET_DURATION_S, preset
 from lupin_runtime.arm.shared_arm import ArmNode
-from lupin_runtime.arm.torque import TORQUE_OFF, TorqueStep, steps
+from lupin_runtime.arm.torque import HOLD, TORQUE_OFF, TorqueStep, steps
+from lupin_runtime.ros.goal_canceler import GoalCanceler
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 __all__ = ["ArmCalibrateServer", "ArmLibraryServer", "ArmPresetServer", "GripperActionBridge"]
 
 PIN_POLL_S = 0.1
+PIN_TRIES = 5  # of a pin that needs feedback of now
 GRIPPER_SERVER_S = 2.0
 INIT_DURATION_S = 5.0
 
@@ -68,7 +70,7 @@ class GripperActionBridge(ArmNode):
             row: self.create_client(SetBool, row.name, callback_group=self._group)
             for row in (graph.VENDOR_ARM_GATE, graph.VENDOR_TORQUE)
         }
-        self._canceler = GoalCanceler(self, self._group)
+        self._canceler = GoalCanceler(self, ARM_ACTIONS, self._group)
         for joint in graph.ARM_JOINTS:
             self.service(graph.arm_joint_angle(joint), self._joint_service(joint))
         self.service(graph.ARM_INIT, self._on_init)
@@ -171,13 +173,33 @@ class GripperActionBridge(ArmNode):
                 return False, f"{failure}, so the torque may be off: hold the arm, and switch the torque on or off again"
             if failure:
                 for undo in (previous.undone() for previous in reversed(done)):
-                    if undo is not None:
-                        await self._execute(undo)
+                    if undo is None:
+                        continue
+                    # The controller's set-point has gone on behind the closed gate, and the arm would jump to it. Until the
+                    # gate is open again, no other command may move it on.
+                    was, self.motion.torque = self.motion.torque, False
+                    unknown = (await self._execute(HOLD))[0] or (await self._execute(undo))[0]
+                    if unknown:
+                        return False, f"{failure}, and {unknown}: the arm takes no commands; switch its torque on"
+                    self.motion.torque = was
                 return False, failure
             done.append(step)
             if step.row is graph.VENDOR_TORQUE:
                 self.motion.torque = step.value
         return True, "the arm is stiff and takes commands" if on else "the arm is limp and takes no commands"
+
+    async def _pin(self) -> str:
+        """Hold the arm's present pose; return why it could not be held, or an empty string."""
+        reason = ""
+        for _ in range(PIN_TRIES):
+            try:
+                self.motion.pin()
+            except Refused as refusal:
+                reason = str(refusal)
+                await async_wait.sleep(self, PIN_POLL_S)
+            else:
+                return ""
+        return reason
 
     def _estop_refusal(self, estop_count: int) -> str:
         try:
@@ -189,10 +211,8 @@ class GripperActionBridge(ArmNode):
     async def _execute(self, step: TorqueStep) -> tuple[str, bool]:
         """Execute one step; return an error message, or an empty string, and whether it is known what became of it."""
         if step.row is None:
-            try:
-                self.motion.pin()
-            except Refused as refusal:
-                return str(refusal), True
+            if refusal := await self._pin():
+                return refusal, True
             await async_wait.sleep(self, step.settle_s)
             return "", True
         client = self._torque_clients[step.row]

@@ -1,7 +1,7 @@
 """The publisher of arm trajectories, and the subscriptions to `/joint_states` and the e-stop, that the arm nodes of a process
 share.
 
-Each node has its own thread, so shared data is either locked (ArmMotion) or replaced as a whole (the last message).
+Each node has its own thread, so shared data is either locked (ArmMotion, the last pose) or replaced as a whole.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from lupin_runtime.arm.messages import poses_of, trajectory_message
 from lupin_runtime.arm.motion import ArmMotion, ArmState
 from lupin_runtime.arm.trajectory import Point
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.polled_subscription import take_newest_with
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 LAST_COMMAND_S = 0.05  # a publisher that is destroyed earlier may drop its last message
@@ -38,8 +39,10 @@ class _SharedArm:
         self._members: list[LupinNode] = []
         self._publisher: Publisher | None = None
         self._subscriptions: tuple[Subscription, ...] = ()
-        self._received: tuple[bytes, int] | None = None
-        self._decoded: tuple[bytes, ArmState | None] | None = None
+        self._joints: Subscription | None = None
+        self._joints_lock = threading.Lock()  # a node that holds the arm's lock may read the joints
+        self._read_ns: int | None = None
+        self._last: ArmState | None = None
         self.motion: ArmMotion | None = None
 
     def join(self, node: LupinNode) -> ArmMotion:
@@ -57,19 +60,23 @@ class _SharedArm:
             was_host = self._members[0] is node
             self._members.remove(node)
             if was_host:
-                node.destroy_publisher(self._publisher)
-                for subscription in self._subscriptions:
-                    node.destroy_subscription(subscription)
+                with self._joints_lock:
+                    node.destroy_publisher(self._publisher)
+                    for subscription in self._subscriptions:
+                        node.destroy_subscription(subscription)
+                    self._joints = None
                 if self._members:
                     self._move_to(self._members[0])
                 else:
-                    self.motion = self._received = self._decoded = None
+                    self.motion = self._joints = self._last = self._read_ns = None
 
     def _move_to(self, node: LupinNode) -> None:
         self._publisher = node.publisher(graph.ARM_TRAJECTORY)
+        # 50 messages arrive per second and few are read: waking a node for each would be the highest load of the process.
+        self._joints = node.polled_subscription(graph.JOINT_STATES, graph.BEST5)
         self._subscriptions = (
             *subscribe_estop(node, self._on_estop),
-            node.subscription(graph.JOINT_STATES, self._receive, raw=True),
+            self._joints,
             node.subscription(graph.ARM_TRAJECTORY, self._on_trajectory),
         )
 
@@ -82,11 +89,6 @@ class _SharedArm:
         motion = self.motion
         if motion is not None:
             motion.counter(poses_of(message))
-
-    def _receive(self, data: Any) -> None:
-        # 50 messages arrive per second and few are read, so they are deserialized on reading.
-        if _MARK in data:
-            self._received = (data, self._clock_ns())
 
     def _clock_ns(self) -> int:
         return self._members[0].elapsed_clock_ns()
@@ -101,16 +103,16 @@ class _SharedArm:
         return max(0, int(self._publisher.get_subscription_count()) - observers)
 
     def _state(self) -> ArmState | None:
-        received = self._received
-        if received is None:
-            return None
-        data, received_ns = received
-        decoded = self._decoded
-        if decoded is None or decoded[0] is not data:
-            message = deserialize_message(data, JointState)
-            decoded = (data, arm_state(message.name, message.position, received_ns))
-            self._decoded = decoded
-        return decoded[1]
+        with self._joints_lock:
+            joints, now_ns = self._joints, self._clock_ns()
+            taken = None if joints is None else take_newest_with(joints, _MARK)
+            since_ns, self._read_ns = self._read_ns, now_ns
+            if taken is not None:
+                # It has arrived since the last reading, whatever a wall clock says that was set meanwhile.
+                age_ns = int(taken.age_s * 1e9) if since_ns is None else max(0, min(int(taken.age_s * 1e9), now_ns - since_ns))
+                message = deserialize_message(taken.data, JointState)
+                self._last = arm_state(message.name, message.position, now_ns - age_ns)
+            return self._last
 
     def _send(self, path: tuple[Point, ...]) -> None:
         if self._publisher is not None:

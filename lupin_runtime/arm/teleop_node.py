@@ -33,9 +33,11 @@ class ArmTeleop(ArmNode):
         self._sent_rad: float | None = None
         self._sent_ns = 0
         self._answer: Future | None = None
+        self._gripper_refusal = ""  # why the gripper is not jogged, until a command of it is accepted or the jog ends
         self._told = ""
         self.subscription(graph.ARM_JOG, self._on_rates)
-        self.create_timer(TICK_S, self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._tick = self.create_timer(TICK_S, self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._tick.cancel()  # it runs during a jog, and while the refusal of one is to be told
 
     def before_shutdown(self) -> None:
         """End the jog, and hold the arm."""
@@ -48,6 +50,8 @@ class ArmTeleop(ArmNode):
         except ValueError as error:
             self.get_logger().warning(f"{graph.ARM_JOG.name}: {error}", throttle_duration_sec=5.0)
         self._tell()
+        if self._tick.is_canceled() and (self._jog.source or self._jog.refusal):
+            self._tick.reset()
 
     def _on_tick(self) -> None:
         self._jog.tick(self.monotonic_ns())
@@ -55,13 +59,16 @@ class ArmTeleop(ArmNode):
             self._send_gripper()
         else:
             self._wanted_rad = self._sent_rad = None  # a jog that has ended moves nothing more
+            self._gripper_refusal = ""
+            if not self._jog.refusal:
+                self._tick.cancel()
         self._tell()
 
     def _tell(self) -> None:
-        source, refusal = self._jog.source, self._jog.refusal
+        source, refusal = self._jog.source, self._jog.refusal or self._gripper_refusal
         self.motion.jogged_by, self.motion.jog_refusal = source, refusal
         if refusal and refusal != self._told:
-            self.get_logger().warning(f"the arm is not jogged: {refusal}")
+            self.get_logger().warning(f"the arm is not jogged: {refusal}" if self._jog.refusal else refusal)
         self._told = refusal
 
     def _want_gripper(self, angle_rad: float) -> None:
@@ -76,14 +83,28 @@ class ArmTeleop(ArmNode):
             return
         if pending and self._answer is not None:
             self._gripper.remove_pending_request(self._answer)
+            self._answer = None
+            self._refuse_gripper(f"{graph.GRIPPER_ANGLE.name} did not respond within {GRIPPER_ANSWER_S:g} s")
         self._wanted_rad = None
         if self._sent_rad is not None and abs(wanted - self._sent_rad) < GRIPPER_CHANGE_RAD:
             return
         if not self._gripper.service_is_ready():
-            self.get_logger().warning(
-                f"{graph.GRIPPER_ANGLE.name} has no server: the gripper is not moved", throttle_duration_sec=5.0
-            )
+            self._refuse_gripper(f"{graph.GRIPPER_ANGLE.name} has no server")
             return
         self._sent_rad, self._sent_ns = wanted, now_ns
         request = SetServoAngleWithSpeed.Request(angle=gripper_deg(wanted), rate=GRIPPER_RATE_DEGPS, degrees=True)
         self._answer = self._gripper.call_async(request)
+        self._answer.add_done_callback(self._on_gripper_answer)
+
+    def _on_gripper_answer(self, answer: Any) -> None:
+        if self._answer is None or answer is not self._answer or answer.cancelled():
+            return  # of an earlier command
+        if answer.exception() is None and answer.result().status:
+            self._gripper_refusal = ""
+        else:
+            self._refuse_gripper("its command was refused; activate its controller: lupin home")
+
+    def _refuse_gripper(self, why: str) -> None:
+        """Say why the gripper is not moved, and send its angle again while the jog goes on."""
+        self._gripper_refusal, self._sent_rad = f"the gripper does not move: {why}" if self._jog.source else "", None
+        self._tell()

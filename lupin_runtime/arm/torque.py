@@ -34,12 +34,12 @@ class TorqueStep(NamedTuple):
         return self._replace(value=not self.value) if self.reversible else None
 
 
-_HOLD = TorqueStep(None, settle_s=PIN_SETTLE_S)
+HOLD = TorqueStep(None, settle_s=PIN_SETTLE_S)
 TORQUE_OFF = TorqueStep(graph.VENDOR_TORQUE, False)
 
 
 def steps(on: bool) -> tuple[TorqueStep, ...]:
     """Return the steps that switch the torque, in order."""
     if on:
-        return (_HOLD, TorqueStep(graph.VENDOR_TORQUE, True), TorqueStep(graph.VENDOR_ARM_GATE, True, optional=True))
+        return (HOLD, TorqueStep(graph.VENDOR_TORQUE, True), TorqueStep(graph.VENDOR_ARM_GATE, True, optional=True))
     return (TorqueStep(graph.VENDOR_ARM_GATE, False, optional=True, reversible=True), TORQUE_OFF)

@@ -34,8 +34,8 @@ class BadSound(ValueError):
 class Hearing:
     """The microphone of one session. For the event loop only.
 
-    `changed` is called when `state` has changed, `stop` with what was heard when it had a word for stopping, and `turn` with
-    the id and the text of a turn.
+    `changed` is called when `state` has changed, `stop` with what was heard when it had a word for stopping and with the id of
+    its turn, and `turn` with the id and the text of a turn.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Hearing:
         session: Session,
         listener: VoiceListener,
         changed: Callable[[], None],
-        stop: Callable[[str], None],
+        stop: Callable[[str, str], None],
         turn: Callable[[str, str], None],
     ) -> None:
         self.session = session
@@ -138,9 +138,9 @@ class Hearing:
         if state.name not in ("starting", "ready") and self._awaited:
             self.turn_heard(self._awaited, "")
 
-    def stop_heard(self, text: str) -> None:
-        """A word for stopping was heard."""
-        self._stop(text)
+    def stop_heard(self, text: str, turn: str) -> None:
+        """A word for stopping was heard, in the turn with this id; empty if in none, or in several."""
+        self._stop(text, turn)
 
     def turn_heard(self, identifier: str, text: str) -> None:
         """A turn was recognized."""

@@ -58,8 +58,8 @@ class ListenerUser(Protocol):
     def listener_changed(self, state: ListenerState) -> None:
         """The listener is in another state."""
 
-    def stop_heard(self, text: str) -> None:
-        """A word for stopping was heard."""
+    def stop_heard(self, text: str, turn: str) -> None:
+        """A word for stopping was heard, in the turn with this id; empty if in none, or in several."""
 
     def turn_heard(self, identifier: str, text: str) -> None:
         """A turn was recognized; the text is empty if nothing was understood."""
@@ -228,7 +228,7 @@ class _Process:
             elif "missing" in event:
                 self._change("missing", str(event["missing"]))
             elif "stop" in event:
-                self.user.stop_heard(str(event["stop"]))
+                self.user.stop_heard(str(event["stop"]), str(event.get("id", "")))
             elif isinstance(heard := event.get("heard"), dict):
                 self.user.turn_heard(str(heard.get("id")), str(heard.get("text")))
 

@@ -61,8 +61,8 @@ class SessionCalls(Protocol):
     def cancel(self) -> None:
         """Drop what waits, as the operator says no."""
 
-    def stop_at_once(self, text: str) -> None:
-        """Engage the stop, as a word for it was heard."""
+    def stop_at_once(self, text: str, turn: str) -> None:
+        """Engage the stop, as a word for it was heard, in the turn with this id; empty if in none, or in several."""
 
     async def read_names(self) -> Names:
         """Return the names that exist."""
@@ -118,7 +118,7 @@ class OfflineAgent:
         self._names_read_s = 0.0
         self._spoken: tuple[str, int] | None = None  # id and number of the last turn in speech, unless a stop has ended it
         self._spoken_answers = ""  # what was read back when that turn began
-        self._stopped = ""  # id of the turn in speech in which a stop was heard
+        self._stopped = ""  # id of the last turn in speech in which a stop was heard
         self._speaker: Speaker | None = None
         self._is_mute = False  # as there is no speech output
         self._voice = ThreadPoolExecutor(1, "lupin-voice-replies")  # of its own: speech output that hangs delays nothing else
@@ -130,10 +130,12 @@ class OfflineAgent:
         if self._names is not None:
             self._names.cancel()
 
-    def drop(self, *, stop_heard: bool = False) -> None:
-        """Drop the sentences that wait or are in work, what was read back, and what is being said, as a stop does."""
-        if self._spoken is not None and stop_heard:
-            self._stopped = self._spoken[0]
+    def drop(self, *, stopped: str = "") -> None:
+        """Drop the sentences that wait or are in work, what was read back, and what is being said, as a stop does.
+
+        `stopped` is the id of the turn in which a stop was heard, which may not be the present one.
+        """
+        self._stopped = stopped or self._stopped
         self._spoken = None
         self._hearing.drop_turn()
         self._dialog.forget()
@@ -188,7 +190,7 @@ class OfflineAgent:
         if stop is not None and stop.tool == "engage_estop":
             self._report(identifier, text)
             if identifier != self._stopped:
-                self._calls.stop_at_once(text)
+                self._calls.stop_at_once(text, identifier)
         elif self._spoken != (identifier, self._calls.turn):
             self._report(identifier, text, OUTDATED)
         elif stop is not None:

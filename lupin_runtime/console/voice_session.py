@@ -173,9 +173,9 @@ class VoiceSession:
         self._robot.stop_wheels()
         self.push_state()
 
-    def stop_at_once(self, text: str) -> None:
-        """Engage the stop, as a word for it was heard."""
-        self._offline.drop(stop_heard=True)
+    def stop_at_once(self, text: str, turn: str) -> None:
+        """Engage the stop, as a word for it was heard, in the turn with this id; empty if in none, or in several."""
+        self._offline.drop(stopped=turn)
         self._bridge.record(self._session.name, f"voice stop heard {short_repr(text)}")
         self._send({"stop_heard": clean(text)})
         self.begin_call("engage_estop", {}, lambda _: None)

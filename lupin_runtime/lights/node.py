@@ -1,4 +1,4 @@
-"""`light_strip_bridge`: shows the robot's state on its LED strip, updated ten times a second."""
+"""`light_strip_bridge`: shows the robot's state on its LED strip, updated several times a second."""
 
 from __future__ import annotations
 
@@ -24,9 +24,12 @@ from lupin_runtime.lights.palette import Rgb, byte_order
 from lupin_runtime.lights.precedence import Mission, View, choose, shown
 from lupin_runtime.lights.robot_state import JOINTS_SILENT_S, NAME, Facts, Judgement, RobotState, judge, state_text
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.polled_subscription import take_newest_with
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 REPLY_S = 1.0
+RENDER_HZ = 10.0
+ONBOARD_RENDER_HZ = 4.0  # of a robot's own processes, which run all the time; a change of the e-stop is shown at once
 JUDGE_PERIOD_S = 1.0
 MOTION_START_S = 2.0  # the arm starts to move home within this time of being sent
 _ARM = (*graph.ARM_JOINTS, graph.GRIPPER_JOINT)
@@ -47,8 +50,8 @@ class LightStripBridge(LupinNode):
         super().__init__("light_strip_bridge", parameters)
         self._drive_timeout_ns = int(self.parameter("drive_timeout", 0.4) * 1e9)
         self._drive_deadband = self.parameter("drive_deadband", 1e-3)
-        self._missions = MissionWatch(self.parameter("mission_state_timeout", 2.0))
         self._onboard = self.parameter("onboard", False)
+        self._missions = MissionWatch(self.parameter("mission_state_timeout", 2.0), forgets=self._onboard)
         self._home_folder = Path(self.parameter("home_report_folder", str(home_report.FOLDER)))
         self._unknown_off = self.parameter("unknown_state_off", True)
         self._blink_hz = self.parameter("blink_hz", 1.0)
@@ -58,7 +61,6 @@ class LightStripBridge(LupinNode):
 
         self._estop = False
         self._manual: Rgb | None = None
-        self._joints: bytes | None = None
         self._joints_ns: int | None = None
         self._homing_ns: int | None = None  # when auto-home was last seen sending the arm home, until it rests there
         self._judgement = Judgement(RobotState.READY)
@@ -73,23 +75,25 @@ class LightStripBridge(LupinNode):
         estop = replace(graph.ESTOP_STATE, name=self.parameter("estop_topic", graph.ESTOP_STATE.name))
         subscribe_estop(self, self._on_estop, estop)
         self._mission_topic = self.parameter("mission_state_topic", graph.MISSION_STATE.name)
-        topics = (
-            ("joint_states_topic", graph.JOINT_STATES, self._on_joints, True),
-            ("drive_topic", graph.CMD_VEL_SINK_ROBOT, self._on_drive, True),
-        )
-        for name, topic, callback, raw in topics:
-            self.subscription(replace(topic, name=self.parameter(name, topic.name)), callback, raw=raw)
+        joints = replace(graph.JOINT_STATES, name=self.parameter("joint_states_topic", graph.JOINT_STATES.name))
+        self._joints = self.polled_subscription(joints, graph.BEST5)
+        drive = replace(graph.CMD_VEL_SINK_ROBOT, name=self.parameter("drive_topic", graph.CMD_VEL_SINK_ROBOT.name))
+        self.subscription(drive, self._on_drive, raw=True)
         self.subscription(replace(graph.MISSION_STATE, name=self._mission_topic), self._on_mission)
         self.service(replace(graph.LEDS_SET, name=self.parameter("manual_service", graph.LEDS_SET.name)), self._on_set)
         self.service(replace(graph.LEDS_AUTO, name=self.parameter("auto_service", graph.LEDS_AUTO.name)), self._on_auto)
-        self.create_timer(1.0 / self.parameter("render_rate_hz", 10.0), self._render)
+        self.create_timer(
+            1.0 / self.parameter("render_rate_hz", ONBOARD_RENDER_HZ if self._onboard else RENDER_HZ), self._render
+        )
         if self._onboard:
             self._judge()
             self.create_timer(JUDGE_PERIOD_S, self._judge)
 
     # -- inputs -------------------------------------------------------------------------------------------------------
     def _on_estop(self, engaged: bool) -> None:
-        self._estop = engaged
+        was_engaged, self._estop = self._estop, engaged
+        if engaged != was_engaged:
+            self._render()
 
     def _on_mission(self, message: Any) -> None:
         mission = Mission(
@@ -100,10 +104,6 @@ class LightStripBridge(LupinNode):
             battery_low=message.battery_low,
         )
         self._missions.handle(mission, self.elapsed_clock_ns())
-
-    def _on_joints(self, data: Any) -> None:
-        if _MARK in data:  # decoded when the strip is updated, a fifth as often as messages arrive
-            self._joints, self._joints_ns = data, self.elapsed_clock_ns()
 
     def _on_drive(self, data: Any) -> None:
         command = decode(data)
@@ -170,10 +170,11 @@ class LightStripBridge(LupinNode):
         self._send(shown(light, now_ns / 1e9, self._blink_hz), now_ns)
 
     def _update_arm(self, now_ns: int) -> None:
-        data, self._joints = self._joints, None
-        if data is None:
+        taken = take_newest_with(self._joints, _MARK)
+        if taken is None:
             return
-        message = deserialize_message(data, JointState)
+        self._joints_ns = now_ns
+        message = deserialize_message(taken.data, JointState)
         at = {name: angle for name, angle in zip(message.name, message.position) if math.isfinite(angle)}
         if all(joint in at for joint in graph.ARM_JOINTS):
             self._arm.update([at.get(joint, 0.0) for joint in _ARM], now_ns)

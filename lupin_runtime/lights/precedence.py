@@ -68,7 +68,8 @@ Rule = Callable[[View], "Light | None"]
 
 def _stopped(view: View) -> Light | None:
     mission = view.mission
-    # Freshness does not matter here: after the last received stop the strip stays red, even if the publisher has died.
+    # Freshness does not matter here: after the last received stop the strip stays red, even if the publisher has died. On a
+    # robot, MissionWatch forgets it.
     stopped = view.estop or (mission is not None and (mission.estop or mission.lifecycle == "FAULT"))
     return Light(RED) if stopped else None
 

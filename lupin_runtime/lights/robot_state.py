@@ -47,8 +47,14 @@ class Facts:
 
 def judge(facts: Facts) -> Judgement:
     """Return what the robot is doing. What needs a person comes first, and what the arm waits for before what it does."""
-    if facts.mission_lost:
-        return Judgement(RobotState.HELP, "the laptop fell silent during its mission: the robot stands")
+    found = _judge_alone(facts)
+    if not facts.mission_lost:
+        return found
+    reasons = ("the laptop fell silent during its mission: the robot stands", found.reason)
+    return Judgement(RobotState.HELP, "; ".join(reason for reason in reasons if reason))
+
+
+def _judge_alone(facts: Facts) -> Judgement:
     joints_age_s, home = facts.joints_age_s, facts.home
     if joints_age_s is None or joints_age_s > JOINTS_SILENT_S:
         is_late = facts.up_s > VENDOR_START_S if joints_age_s is None else joints_age_s > VENDOR_RETURN_S

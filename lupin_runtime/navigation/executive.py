@@ -135,6 +135,8 @@ class ExecutiveParameters:
     fresh_scan_s: float = 0.45
     # How fast the noted age of a scan decays, in seconds per second: a machine that stalled is likely to stall again soon.
     scan_age_decay: float = 0.2
+    # From this age on the robot stands still (LidarMonitor): an older scan, as after a lost link, does not slow it down more.
+    scan_timeout_s: float = 1.0
     tolerance: GoalTolerance = field(default_factory=GoalTolerance)
     behaviors: BehaviorLimits = field(default_factory=BehaviorLimits)
 
@@ -325,10 +327,11 @@ class Executive:
             self._goal_checker.reset()
 
     def _note_age(self, view: View) -> None:
-        """Note the largest recent age of a scan: its own plus the time since the last tick's command."""
+        """Note the largest recent age of a scan on which the robot drove: its own plus the time since the last command."""
         gap_s = max(view.now_s - self._ticked_s, 0.0)
         self._ticked_s = view.now_s
-        self._age_s = max(view.scan_age_s + gap_s, self._age_s - self._p.scan_age_decay * gap_s)
+        driven_on_s = min(view.scan_age_s, self._p.scan_timeout_s)
+        self._age_s = max(driven_on_s + gap_s, self._age_s - self._p.scan_age_decay * gap_s)
 
     def _limit_for_scan_age(self, velocity: Velocity, now_s: float) -> Velocity:
         """Slow down so that the robot drives no farther on an old scan than at full speed on a fresh one."""

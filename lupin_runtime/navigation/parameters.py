@@ -72,6 +72,7 @@ def declare_parameters(node: ParameterNode) -> NavigationParameters:
         scaling=node.parameter("inflation_layer.cost_scaling_factor", Inflation().scaling),
     )
     tolerance_defaults, executive_defaults = GoalTolerance(), ExecutiveParameters()
+    scan_timeout_s = node.parameter("scan_patience", executive_defaults.scan_timeout_s)
     return NavigationParameters(
         mppi=dataclasses.replace(
             declare_all(node, "FollowPath.", MppiParameters(), skip=("robot_radius",)), robot_radius=radius
@@ -93,6 +94,7 @@ def declare_parameters(node: ParameterNode) -> NavigationParameters:
             ),
             planner_period_s=1.0 / node.parameter("replanning_frequency", 1.0 / executive_defaults.planner_period_s),
             max_recoveries=node.parameter("number_of_retries", executive_defaults.max_recoveries),
+            scan_timeout_s=scan_timeout_s,
             tolerance=GoalTolerance(
                 xy=node.parameter("goal_checker.xy_goal_tolerance", tolerance_defaults.xy),
                 yaw=node.parameter("goal_checker.yaw_goal_tolerance", tolerance_defaults.yaw),
@@ -107,7 +109,7 @@ def declare_parameters(node: ParameterNode) -> NavigationParameters:
         global_costmap=declare_all(node, "global_costmap.", GLOBAL_DEFAULTS, skip=("width", "resolution")),
         feedback_hz=node.parameter("feedback_frequency", 5.0),
         transform_timeout_s=node.parameter("transform_patience", 1.0),
-        scan_timeout_s=node.parameter("scan_patience", 1.0),
+        scan_timeout_s=scan_timeout_s,
         velocity_threshold=node.parameter("min_velocity_threshold", 0.001),
     )
 

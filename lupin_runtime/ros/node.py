@@ -20,6 +20,7 @@ from rclpy.timer import Timer
 
 from lupin_runtime.graph import Action, Qos, Service, Topic
 from lupin_runtime.ros.interfaces import interface
+from lupin_runtime.ros.polled_subscription import PolledGroup
 
 # For rclpy.init: no log files below the home folder. The supervisor keeps the output of each process, and rclpy does not start
 # if that folder cannot be written.
@@ -70,6 +71,13 @@ class LupinNode(Node):
     ) -> Subscription:
         """Return a subscription with the row's type and QoS; `qos` overrides the depth or asks for less than is offered."""
         return self.create_subscription(interface(topic.type), topic.name, callback, qos_profile(qos or topic.qos), raw=raw)
+
+    def polled_subscription(self, topic: Topic, qos: Qos | None = None) -> Subscription:
+        """Return a subscription whose serialized messages wait until the node takes them; they wake nothing."""
+        profile = qos_profile(qos or topic.qos)
+        return self.create_subscription(
+            interface(topic.type), topic.name, lambda _: None, profile, callback_group=PolledGroup(), raw=True
+        )
 
     def service(self, row: Service, callback: Callable[[Any, Any], Any], group: CallbackGroup | None = None) -> RosService:
         """Return a server of the row's service; the callback takes (request, response) and returns the response.

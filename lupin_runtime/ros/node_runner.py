@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from lupin_runtime.heartbeat import PROCESS_PERIOD_S
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
+from lupin_runtime.ros.node_executor import NodeExecutor
 
 if TYPE_CHECKING:
     from lupin_runtime.ros.clock import ClockFollower
@@ -38,7 +39,7 @@ class _Spinner:
     def __init__(self, node: Node, on_failure: Callable[[], None]) -> None:
         self.node = node
         self._on_failure = on_failure
-        self._executor = SingleThreadedExecutor()
+        self._executor = NodeExecutor()
         self._executor.add_node(node)
         self._stopping = False
         self._handled_ns = time.monotonic_ns()  # when the executor last handled an event

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import time
+from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.subscription import Subscription
@@ -36,3 +37,28 @@ def take_newest(subscription: Subscription) -> Any:
                 break
             newest = taken[0]
     return newest
+
+
+class Serialized(NamedTuple):
+    """A serialized message, and how long ago it arrived."""
+
+    data: bytes
+    age_s: float
+
+
+def take_newest_with(subscription: Subscription, mark: bytes) -> Serialized | None:
+    """Take what has arrived on a polled, raw subscription; return the newest message that contains `mark`, or None.
+
+    The middleware tells the time of arrival on the wall clock: call it often where a step of that clock must not matter.
+    """
+    newest = None
+    handle = subscription.handle
+    with handle:
+        for _ in range(_MAX_TAKEN):
+            taken = handle.take_message(subscription.msg_type, True)
+            if taken is None:
+                break
+            newest = taken if mark in taken[0] else newest
+    if newest is None:
+        return None
+    return Serialized(newest[0], max(0.0, (time.time_ns() - newest[1]["received_timestamp"]) / 1e9))

@@ -6,11 +6,13 @@ The program is terminated with the run, however the run ends. If its window is c
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import subprocess
 import sys
 import threading
 
+from lupin_runtime.environment import without_ros_wheels
 from lupin_runtime.ros.supervision import end_with_parent
 
 TERMINATE_GRACE_S = 2.0
@@ -24,7 +26,12 @@ def main(command: list[str]) -> int:
     end_with_parent()
     prctl = ctypes.CDLL(None).prctl
     # If this process is killed, the kernel sends SIGTERM to the program.
-    child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=lambda: prctl(_PR_SET_PDEATHSIG, signal.SIGTERM))
+    child = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        env=without_ros_wheels(os.environ),
+        preexec_fn=lambda: prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
+    )
     while not terminated.wait(0.2):
         if child.poll() is not None:
             print(f"{command[0]} exited with status {child.returncode}; it is not started again", flush=True)

@@ -15,12 +15,12 @@ from typing import Any, Protocol
 
 import rclpy
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 
 from lupin_runtime import graph
 from lupin_runtime.json_text import parse_json
 from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
+from lupin_runtime.ros.node_executor import NodeExecutor
 from lupin_runtime.ros.tf import TransformListener
 from lupin_runtime.safety.expected_sources import waits_for_sources
 from lupin_runtime.safety.unheard_press import UnheardPress
@@ -38,8 +38,9 @@ from lupin_runtime.transforms import TransformUnavailable
 
 RATE_WINDOW_S = 5.0
 # A discovery server that starts together with its clients sometimes never matches a subscription: its topic is listed with a
-# publisher, but nothing arrives (seen on one start in four on a loaded machine). A new subscription is matched.
-RESUBSCRIBE_AFTER_S = 5.0
+# publisher, but nothing arrives (seen on one start in four on a loaded machine). A new subscription is matched. The last ones
+# stay meanwhile, because a first sample may take 3.3 s.
+RESUBSCRIBE_AFTER_S, MAX_SUBSCRIPTIONS = 2.0, 3
 SILENT_AFTER_S = 3.0
 MAX_ALARMS, MAX_ALARM_CHARS = 10, 300
 MONITORED_TOPICS = tuple(topic for topic in graph.topics() if topic.monitored)
@@ -82,6 +83,7 @@ class GraphMonitor:
         self._satisfied: set[Readiness] = set()
         self._probes: dict[Readiness, _Probe] = {}
         self._probed_s: dict[Readiness, float] = {}
+        self._earlier_probes: dict[Readiness, deque[_Probe]] = {}
         self._rates = {topic.name: Rate() for topic in (*rated, graph.MISSION_STATE)}
         for topic in rated:
             if topic is not graph.MISSION_STATE:
@@ -101,7 +103,7 @@ class GraphMonitor:
         self.node.subscription(graph.ARM_STATUS, self._take_arm_status)
         self.node.subscription(graph.ESTOP_STATUS, self._take_estop_status)
         self._start = self.node.client(graph.MISSION_START)
-        self._executor = SingleThreadedExecutor()
+        self._executor = NodeExecutor()
         self._executor.add_node(self.node)
 
     def spin(self, seconds: float) -> None:
@@ -175,12 +177,16 @@ class GraphMonitor:
         if probe is None:
             probe = self._probes[condition] = self._make_probe(condition)
             self._probed_s[condition] = time.monotonic()
-        if probe():
+        earlier = self._earlier_probes.setdefault(condition, deque())
+        if any(each() for each in (probe, *earlier)):
             self._satisfied.add(condition)
-            self._probes.pop(condition).close()
+            for each in (self._probes.pop(condition), *self._earlier_probes.pop(condition)):
+                each.close()
             return True
         if isinstance(condition, TopicSample) and time.monotonic() - self._probed_s[condition] > RESUBSCRIBE_AFTER_S:
-            self._probes.pop(condition).close()
+            earlier.append(self._probes.pop(condition))
+            if len(earlier) >= MAX_SUBSCRIPTIONS:
+                earlier.popleft().close()
         return False
 
     def explain(self, condition: Readiness) -> str:

@@ -8,7 +8,8 @@ A visit changes nothing: it subscribes, and calls only services without side eff
   and the discovery server still works;
 * rates: a topic that delivers is observed until it has reached a usable rate, or has clearly missed it;
 * round trips: only a service call needs the route to the robot and back;
-* the drive bus: whether a publisher of drive commands would be matched with it. Nothing is published.
+* the drive bus: whether a publisher of drive commands would be matched with it. Nothing is published;
+* the wheels: for how long the odometry did not change while they were commanded, if somebody drives.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from lupin_runtime import graph
 from lupin_runtime.drive.twist import decode
 from lupin_runtime.json_text import parse_json
 from lupin_runtime.stack.message_header import read_header
+from lupin_runtime.stack.wheel_watch import WheelWatch
 
 # Names are complete once they have not changed for this long: the first time if a working robot has been observed, the last
 # time if a part of one is missing.
@@ -82,6 +84,7 @@ class GraphSession:
         self._since_s: dict[str, float] = {}  # when each topic was subscribed and each service call was started
         self._begun = _processor_time_s()
         self.late: list[str] = []  # topics and services that appeared too late to be observed
+        self.wheels = WheelWatch()
         self._drive: Any = None  # a publisher of drive commands, which never publishes
 
     def close(self) -> None:
@@ -170,6 +173,7 @@ class GraphSession:
             decoder = decoders.get(row.name)
             if decoder is None:
                 received = self._count if row.frame is None else self._count_with_header
+                received = self._count_odometry if row is graph.ODOM else received
                 self.node.subscription(row, partial(received, row.name), qos=requested, raw=True)
             else:
                 self.node.subscription(row, partial(self._keep_state, row.name, decoder), qos=requested)
@@ -197,6 +201,10 @@ class GraphSession:
         sample["frame"] = header.frame
         sample["stamp_age_s"] = min(age_s, sample.get("stamp_age_s", age_s), key=abs)
 
+    def _count_odometry(self, name: str, message: bytes) -> None:
+        self._count_with_header(name, message)
+        self.wheels.odometry(message, time.monotonic())
+
     def add_timings(self) -> None:
         """Add to every topic with samples the age of the last one, the time since the first, and the rate.
 
@@ -216,10 +224,13 @@ class GraphSession:
 
     def _keep_state(self, name: str, decode_state: Callable[[Any], Any], message: Any) -> None:
         self._count(name, message)
-        self.states[name] = decode_state(message)
+        self.states[name] = state = decode_state(message)
+        if name == graph.DRIVE_STATUS.name and isinstance(state, dict):
+            self.wheels.bus(str(state.get("winner") or ""), bool(state.get("locks")))
 
     def _count_command(self, name: str, data: bytes) -> None:
         twist = decode(data)
+        self.wheels.command(twist, time.monotonic())
         self.inputs[name]["count"] += 1
         self.inputs[name]["moving"] += int(twist is not None and not twist.is_neutral())
 
@@ -392,6 +403,7 @@ def probe_graph() -> dict[str, Any]:
         "drive_matched": drive_matched,
         "samples": session.samples,
         "inputs": session.inputs,
+        "idle_wheels_s": round(session.wheels.idle_s, 3),
         "said": session.states,
         "calls": session.calls,
         "late": session.late,

@@ -51,6 +51,7 @@ class Options:
     dependency_timeout_s: float = 120.0
     approach_overrides: Path | None = None
     layout: Path | None = None
+    system_engines: tuple[str, ...] = ()  # flags of rows whose work programs of the ROS distribution do
     run_path: Path = Path()
 
     @property
@@ -74,6 +75,9 @@ class Options:
             elif name == "initial_pose":
                 if isinstance(value, list) and [type(each) for each in value] == [float] * 3:
                     found[name] = tuple(value)
+            elif name == "system_engines":
+                if isinstance(value, list):
+                    found[name] = tuple(each for each in value if isinstance(each, str))
             elif type(value) is type(default) and name != "run_path":
                 found[name] = value
         return cls(**found)

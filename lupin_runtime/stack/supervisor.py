@@ -38,14 +38,29 @@ _MAX_TOLD_DEATHS = 100  # the last ones, in the state that is written: a process
 class ReadinessMonitor(Protocol):
     """Tests readiness conditions for the supervisor; `GraphMonitor` is the one of a real graph."""
 
-    def satisfied(self, condition: Readiness) -> bool:
+    def satisfied(self, condition: Readiness, /) -> bool:
         """Return whether the condition holds now."""
 
-    def forget(self, condition: Readiness) -> None:
+    def forget(self, condition: Readiness, /) -> None:
         """Drop what was observed of a condition, because its process has exited."""
 
     def explain(self, condition: Readiness) -> str:
         """Say what is still missing, for the operator."""
+
+
+class NothingObserved:
+    """The monitor of a supervisor that has not joined the graph yet."""
+
+    def satisfied(self, _condition: Readiness) -> bool:
+        """No condition is known to hold."""
+        return False
+
+    def forget(self, _condition: Readiness) -> None:
+        """Nothing was observed."""
+
+    def explain(self, condition: Readiness) -> str:
+        """Return why the condition does not hold."""
+        return f"{condition}: the supervisor joins the graph"
 
 
 class Phase(enum.Enum):
@@ -101,9 +116,19 @@ class Supervisor:
     """Runs the processes that `options` select, in `run` and `environment`. `step` is called in a loop and does not block."""
 
     def __init__(
-        self, options: Options, run: Run, environment: Mapping[str, str], monitor: ReadinessMonitor, own_output: bool = False
+        self,
+        options: Options,
+        run: Run,
+        environment: Mapping[str, str],
+        monitor: ReadinessMonitor,
+        own_output: bool = False,
+        usage_period_s: float = USAGE_PERIOD_S,
+        retry_optional_s: float | None = None,
     ) -> None:
-        """With `own_output`, processes write to this process's output, such as the system journal, instead of log files."""
+        """With `own_output`, processes write to this process's output, such as the system journal, instead of log files.
+
+        `retry_optional_s` after an optional process was given up, it is started again: nobody may be there to do it.
+        """
         self.options = options
         self._own_output = own_output
         self.run = run
@@ -111,14 +136,15 @@ class Supervisor:
         # One computing thread per process: a dozen processes share the cores, and thread pools would compete for them.
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             self._environment.setdefault(name, "1")
-        self._monitor = monitor
+        self.monitor: ReadinessMonitor = monitor
         self.started_s = time.monotonic()
         self.stages = [Stage(launch(row, options), since_s=self.started_s) for row in rows(options)]
         self.deaths: list[Death] = []
         self.memory_peak_mb = 0.0
         self.liveness = Liveness()
         self.liveness.start()
-        self._usage_due_s = 0.0
+        self._usage_due_s, self._usage_period_s = 0.0, usage_period_s
+        self._retry_optional_s = retry_optional_s
         self._stopping = False
 
     def stage(self, name: str) -> Stage | None:
@@ -140,12 +166,16 @@ class Supervisor:
             if self._is_taken_over(stage, now):
                 continue
             if stage.phase is Phase.WAITING:
-                if all(self._monitor.satisfied(condition) for condition in stage.row.needs):
+                if all(self.monitor.satisfied(condition) for condition in stage.row.needs):
+                    self._start(stage, now)
+            elif stage.phase is Phase.FAILED:
+                if stage.row.optional and self._retry_optional_s and now - stage.since_s >= self._retry_optional_s:
+                    stage.restart_count += 1
                     self._start(stage, now)
             elif stage.phase in (Phase.STARTING, Phase.UP):
                 if stage.process is not None and stage.process.poll() is not None:
                     self._handle_exit(stage, now)
-                elif stage.phase is Phase.STARTING and all(self._monitor.satisfied(s) for s in stage.row.ready):
+                elif stage.phase is Phase.STARTING and all(self.monitor.satisfied(s) for s in stage.row.ready):
                     stage.phase, stage.why = Phase.UP, ""
                     if stage.row.sends_heartbeats:
                         self.liveness.expect_heartbeats(stage.row.name)
@@ -153,7 +183,7 @@ class Supervisor:
                 elif self._is_stuck_replacement(stage, now):
                     self._kill(stage, f"was not up again within {stage.row.up_within_s:g} s and was killed")
         if now >= self._usage_due_s:
-            self._usage_due_s = now + USAGE_PERIOD_S
+            self._usage_due_s = now + self._usage_period_s
             self._measure()
 
     @staticmethod
@@ -179,13 +209,13 @@ class Supervisor:
             self.liveness.stop_monitoring(stage.row.name)
             stage.process = stage.start_ticks = None
             for condition in stage.row.ready:
-                self._monitor.forget(condition)
+                self.monitor.forget(condition)
         if holder is None:
             stage.taken_over_s, stage.phase, stage.since_s, stage.why = None, Phase.WAITING, now, ""
             return False
         # Nothing is started here, and nothing is late: the person sees what their process says.
         stage.since_s = now
-        stage.phase = Phase.UP if all(self._monitor.satisfied(condition) for condition in stage.row.ready) else Phase.STARTING
+        stage.phase = Phase.UP if all(self.monitor.satisfied(condition) for condition in stage.row.ready) else Phase.STARTING
         return True
 
     def _start(self, stage: Stage, now: float) -> None:
@@ -242,7 +272,7 @@ class Supervisor:
         status = stage.killed_why or self._exit_text(stage)
         stage.killed_why = ""
         for condition in stage.row.ready:
-            self._monitor.forget(condition)
+            self.monitor.forget(condition)
         while stage.restarts and now - stage.restarts[0] > RESTARTS_WITHIN_S:
             stage.restarts.popleft()
         # Without a mission no other process depends on the lost state.
@@ -255,9 +285,11 @@ class Supervisor:
             self._start(stage, now)
         else:
             self.liveness.stop_monitoring(stage.row.name)
-            stage.phase = Phase.FAILED
+            stage.phase, stage.since_s = Phase.FAILED, now
             lost = f"its state is lost, so the {stage.row.on_death} was stopped"
             consequence = f"given up after {RESTARTS_ALLOWED} restarts in a minute" if repairable else lost
+            if stage.row.optional and self._retry_optional_s:
+                consequence += f"; it is started again in {self._retry_optional_s:.0f} s"
         log = "" if self._own_output else f"; log: {self.run.logs / (stage.row.name + '.log')}"
         stage.why = f"{status}; {consequence}{log}"
         self.deaths.append(Death(stage.row.name, status, consequence, ends_run=not (may_restart or stage.row.optional)))
@@ -273,7 +305,7 @@ class Supervisor:
     def waiting_for(self, stage: Stage) -> list[str]:
         """Return why each condition for a stage's next phase does not hold."""
         conditions = {Phase.WAITING: stage.row.needs, Phase.STARTING: stage.row.ready}.get(stage.phase, ())
-        return [self._monitor.explain(condition) for condition in conditions if not self._monitor.satisfied(condition)]
+        return [self.monitor.explain(condition) for condition in conditions if not self.monitor.satisfied(condition)]
 
     def all_up(self, names: Sequence[str] | None = None) -> bool:
         """Return whether the stages called `names`, or all that a run needs, are up."""
@@ -354,6 +386,7 @@ class Supervisor:
             "stages": [
                 {
                     "name": stage.row.name,
+                    "engine": stage.row.engine,
                     "phase": stage.phase.value,
                     "optional": stage.row.optional,
                     "pid": stage.process.pid if stage.process is not None else None,

@@ -14,6 +14,7 @@ from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.mission.overrides import OVERRIDES_NAME
 from lupin_runtime.ports import CONSOLE_PORT, FOXGLOVE_PORT, VIDEO_PORT
 from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, WITNESS
+from lupin_runtime.stack.engines import NAV2, SLAM_TOOLBOX, Engine
 from lupin_runtime.stack.options import LAPTOP_TARGETS, ONBOARD, ROBOT, ROBOT_CAMERAS, SIM, Options
 from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
 
@@ -33,6 +34,17 @@ class NodeRow:
     path: str
     parameters: Callable[[Options], Parameters] = _none
     when: Callable[[Options], bool] = lambda _: True
+
+
+@dataclass(frozen=True)
+class SystemRow:
+    """What a row has instead of its own if the run's options name its flag in `system_engines`."""
+
+    engine: Engine
+    nodes: tuple[NodeRow, ...]
+    memory_max_mb: int
+    on_death: str = "restart"
+    up_within_s: float = 90.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +76,8 @@ class ProcessRow:
     watched: bool = False  # on the robot, systemd restarts the service if it does not respond
     commands_motion: bool = False  # the supervisor tells it to stop while another process does not respond
     next_command: str = ""
+    system: SystemRow | None = None
+    engine: str = ""  # what does its work in this run, if that is not Lupin
 
     @property
     def external(self) -> bool:
@@ -150,6 +164,19 @@ def _slam(options: Options) -> Parameters:
     if options.simulated:
         # The frontier planner reads the map once a second; the default of 5 s saves bandwidth on WiFi, which is not used here.
         parameters["map_update_interval"] = 1.0
+    return parameters
+
+
+def _toolbox(options: Options) -> Parameters:
+    interval = {name: value for name, value in _slam(options).items() if name == "map_update_interval"}
+    return {**_programs(SLAM_TOOLBOX)(options), **interval}
+
+
+def _programs(engine: Engine) -> Callable[[Options], Parameters]:
+    def parameters(options: Options) -> Parameters:
+        file = options.run_path / "processes" / f"{engine.title.lower()}.yaml"
+        return {"programs": [str(program) for program in engine.programs], "parameter_file": str(file)}
+
     return parameters
 
 
@@ -261,6 +288,15 @@ TABLE: tuple[ProcessRow, ...] = (
         flag="slam",
         needs=(TopicSample(graph.SCAN),),
         ready=(TopicSample(graph.MAP),),
+        system=SystemRow(
+            SLAM_TOOLBOX,
+            (
+                NodeRow("lupin_runtime.slam.toolbox_engine:ToolboxEngine", _toolbox),
+                NodeRow("lupin_runtime.slam.node:SlamResetNode"),
+            ),
+            memory_max_mb=1024,
+            on_death="mission",  # a new one starts with an empty map, at another origin
+        ),
     ),
     ProcessRow(
         "localization",
@@ -285,6 +321,16 @@ TABLE: tuple[ProcessRow, ...] = (
         needs=(TopicSample(graph.MAP), TransformReady(graph.ODOM_FRAME, graph.BASE_FRAME)),
         ready=(ActionReady(graph.NAVIGATE_TO_POSE),),
         commands_motion=True,
+        system=SystemRow(
+            NAV2,
+            (
+                # The gate and the smoother come first: they are the first to be told to end, and send their last zero.
+                NodeRow("lupin_runtime.navigation.nav2_engine:Nav2Gate"),
+                NodeRow("lupin_runtime.drive.smoother_node:VelocitySmoother"),
+                NodeRow("lupin_runtime.navigation.nav2_engine:Nav2Engine", _programs(NAV2)),
+            ),
+            memory_max_mb=2048,
+        ),
     ),
     ProcessRow(
         "body",
@@ -377,7 +423,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ),
     ProcessRow(
         "joystick",
-        (NodeRow("lupin_runtime.teleop.node:PadTeleop"),),
+        (NodeRow("lupin_runtime.teleop.node:PadTeleop", lambda o: {"onboard": True} if _on_robot(o) else {}),),
         targets=(*LAPTOP_TARGETS, ONBOARD),
         when=lambda o: o.joystick,
         flag="joystick",
@@ -413,11 +459,21 @@ def rows(options: Options) -> tuple[ProcessRow, ...]:
 
 
 def select_nodes(row: ProcessRow, options: Options) -> ProcessRow:
-    """Return the row with the nodes and the ports that a run with these options has."""
+    """Return the row with the engine, the nodes and the ports that a run with these options has."""
     ready = tuple(
         replace(each, number=getattr(options, each.option)) if isinstance(each, Port) and each.option else each
         for each in row.ready
     )
+    if row.system is not None and row.flag in options.system_engines:
+        system = row.system
+        row = replace(
+            row,
+            nodes=system.nodes,
+            engine=system.engine.title,
+            memory_max_mb=system.memory_max_mb,
+            on_death=system.on_death,
+            up_within_s=system.up_within_s,
+        )
     return replace(row, nodes=tuple(node for node in row.nodes if node.when(options)), ready=ready)
 
 

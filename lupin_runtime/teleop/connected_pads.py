@@ -21,6 +21,8 @@ SCAN_PERIOD_S = 1.0
 MAX_DEVICES = 64  # of the folder that are looked at
 
 IN_USE = "it already drives for another run or in a terminal; end that, or start this run with: lupin up --no-joystick"
+IN_USE_ON_ROBOT = "it already drives for another program of the robot; end that, which this names: sudo fuser -v {path}"
+_GROUP_ADVICE_ON_ROBOT = "let this program open it, from a laptop: lupin deploy robot"
 _GROUP_ADVICE = "add yourself to the group input, and log in again: sudo usermod -aG input $USER"
 
 
@@ -54,15 +56,17 @@ class ConnectedPads:
         warn: Callable[[str], object],
         observe: Callable[[str, Event], object] = lambda *_: None,
         drives: bool = True,
+        on_robot: bool = False,
     ) -> None:
         """Use the calibrated pads of the folder `maps`, too. A pad drives one robot: `drives` claims each for this program.
+        `on_robot` selects the advice for a person on the robot.
 
         `inform` is told of pads that come and go, `warn` once of each that cannot be read; `observe` gets all events.
         """
         self.pads: dict[str, Pad] = {}
         self._devices, self._sysfs, self._maps = devices, sysfs, maps
         self._inform, self._warn, self._observe = inform, warn, observe
-        self._drives = drives
+        self._drives, self._on_robot = drives, on_robot
         self._examined: dict[str, tuple[int, PadMap | None]] = {}  # by name: the file's number, and its row
         self._refusals: dict[str, int] = {}  # by name: how often the device could not be used in a row
 
@@ -127,7 +131,8 @@ class ConnectedPads:
             problem = str(error)
         except OSError as error:
             problem = f"cannot read {path}: {error.strerror}"
-        self._warn(f"{name} is not used: {problem}; calibrate it with: lupin teleop calibrate")
+        where = f", on a laptop, and copy {path.name} here" if self._on_robot else ""
+        self._warn(f"{name} is not used: {problem}; calibrate it with: lupin teleop calibrate{where}")
         return None
 
     def _open(self, name: str, row: PadMap, now_ns: int) -> None:
@@ -139,12 +144,14 @@ class ConnectedPads:
         except FileNotFoundError:
             return
         except OSError as error:
-            advice = f"; {_GROUP_ADVICE}" if isinstance(error, PermissionError) else ""
+            advice = _GROUP_ADVICE_ON_ROBOT if self._on_robot else _GROUP_ADVICE
+            advice = f"; {advice}" if isinstance(error, PermissionError) else ""
             self._refuse(name, f"cannot read {label}: {error.strerror}{advice}")
             return
         if self._drives and not device.claim():
             device.close()
-            self._refuse(name, f"{label} is not used: {IN_USE}")
+            advice = IN_USE_ON_ROBOT.format(path=self._devices / name) if self._on_robot else IN_USE
+            self._refuse(name, f"{label} is not used: {advice}")
             return
         self._refusals.pop(name, None)
         quiet_s = None if is_wired(found) else QUIET_S

@@ -31,7 +31,8 @@ _MAX_WAKES_PER_TICK = 25
 class PadTeleop(LupinNode):
     """The node of the gamepads. Everything but the waiting happens in its executor: if that hangs, nothing is published.
 
-    Parameters: `devices` and `sysfs`, the folders in which input devices are found; `maps`, that of the calibrated pads.
+    Parameters: `devices` and `sysfs`, the folders in which input devices are found; `maps`, that of the calibrated pads;
+    `onboard`, whether this computer is the robot's.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -39,7 +40,8 @@ class PadTeleop(LupinNode):
         log = self.get_logger()
         devices, sysfs = Path(self.parameter("devices", str(DEVICES))), Path(self.parameter("sysfs", str(SYSFS)))
         maps = Path(self.parameter("maps", str(map_folder())))
-        self._pads = ConnectedPads(devices, sysfs, maps=maps, inform=log.info, warn=log.warning)
+        on_robot = self.parameter("onboard", False)
+        self._pads = ConnectedPads(devices, sysfs, maps=maps, inform=log.info, warn=log.warning, on_robot=on_robot)
         self._driver, self._jogger = PadDriver(), ArmJogger()
         self._alerts, self._rumbles = AlertRules(), Rumbles(devices, sysfs, log.info)
         self._wakes = 0
@@ -48,6 +50,7 @@ class PadTeleop(LupinNode):
         self._rates = JogPublisher(self)
         self._joy = self.publisher(graph.JOY)
         self.subscription(graph.DRIVE_STATUS, self._on_status)
+        self.subscription(graph.ARM_STATUS, self._on_arm_status)
         wake = self.create_guard_condition(self._on_wake)
         self._watch = ReadableWatch(wake.trigger)
         # Steady time: a pad's dead-man button does not follow the simulation's clock.
@@ -121,9 +124,14 @@ class PadTeleop(LupinNode):
             locks = conform(status, {"locks": [""]})["locks"]
             self._alerts.handle_status(locks, self.monotonic_ns())
 
+    def _on_arm_status(self, message: Any) -> None:
+        with suppress(ValueError):  # another program's
+            self._alerts.handle_arm(conform(parse_json(message.data), {"jog_refusal": ""})["jog_refusal"])
+
     def _rumble(self) -> None:
         self._rumbles.follow(self._pads.pads)
-        alert = self._alerts.step(self._driver.driving is not None, self.monotonic_ns())
+        is_jogging = self._jogger.jogging is not None
+        alert = self._alerts.step(self._driver.driving is not None, self.monotonic_ns(), is_jogging)
         if alert is not None:
             self._rumbles.play(alert)
 

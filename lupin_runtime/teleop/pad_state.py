@@ -123,8 +123,9 @@ class PadState:
     def _trigger(self, code: int) -> float:
         """Return how far a trigger is pulled, 0..1."""
         low, high = self._ranges[code]
-        value = self._axes.get(code)
-        return 0.0 if value is None else shape((normalize(value, low, high) + 1.0) / 2.0, self.dead_zone)
+        # A trigger's rest is the lower end of its range, so what counts as a centered stick would be half pulled.
+        place = normalize(self._axes.get(code), low, high, unknown=-1.0)
+        return shape((place + 1.0) / 2.0, self.dead_zone)
 
     def _stick(self, code: int) -> float:
         place = normalize(self._axes.get(code), *self._ranges[code])

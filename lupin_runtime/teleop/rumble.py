@@ -22,7 +22,7 @@ class Alert(enum.Enum):
     """What an operator is told of, with the strength (0..1) and the length (s) of the rumble."""
 
     STOPPED = (1.0, 0.6)  # the e-stop was engaged
-    REFUSED = (0.5, 0.2)  # the dead-man button is held while the drive bus is locked
+    REFUSED = (0.5, 0.2)  # the dead-man button is held while the drive bus is locked, or the arm's node refuses the jog
     LOST = (1.0, 1.0)  # the drive bus is not heard any more
 
 
@@ -31,6 +31,7 @@ class AlertRules:
 
     def __init__(self) -> None:
         self._locks: Collection[str] = ()
+        self._jog_refusal = ""
         self._heard_ns: int | None = None
         self._stopped = False  # whether the e-stop was engaged since the last alert
         self._refused_ns: int | None = None
@@ -40,15 +41,22 @@ class AlertRules:
         self._stopped = ESTOP_ENGAGED in locks and (self._stopped or ESTOP_ENGAGED not in self._locks)
         self._locks, self._heard_ns = locks, now_ns
 
-    def step(self, held: bool, now_ns: int) -> Alert | None:
-        """Return what to tell now, or None. `held`: whether the dead-man button of a gamepad counts as held."""
+    def handle_arm(self, jog_refusal: str) -> None:
+        """Handle the arm's status: why what a pad commands is refused, or empty."""
+        self._jog_refusal = jog_refusal
+
+    def step(self, held: bool, now_ns: int, jogging: bool = False) -> Alert | None:
+        """Return what to tell now, or None.
+
+        `held` and `jogging`: whether the dead-man button of a gamepad counts as held, and whether one moves the arm.
+        """
         if self._heard_ns is not None and now_ns - self._heard_ns > LOST_S * 1e9:
             self._heard_ns, self._locks = None, ()
             return Alert.LOST
         if self._stopped:
             self._stopped, self._refused_ns = False, now_ns
             return Alert.STOPPED
-        if not (held and self._locks):
+        if not (held and self._locks) and not (jogging and self._jog_refusal):
             self._refused_ns = None
         elif self._refused_ns is None or now_ns - self._refused_ns >= REPEAT_S * 1e9:
             self._refused_ns = now_ns

@@ -32,15 +32,15 @@ class Sticks:
     turn_left: float = 0.0
 
 
-def normalize(value: int | None, low: int, high: int) -> float:
-    """Return the place of a stick in its range as -1..1; 0 if it is unknown, far outside, or if there is no range.
+def normalize(value: int | None, low: int, high: int, unknown: float = 0.0) -> float:
+    """Return the place of a stick in its range as -1..1; `unknown` without a value or a range, or far outside of it.
 
     A value slightly outside is the end of the way: the kernel does not limit what a pad sends.
     """
     if value is None or high <= low:
-        return 0.0
+        return unknown
     place = (2 * value - low - high) / (high - low)
-    return max(-1.0, min(1.0, place)) if abs(place) <= 1.2 else 0.0
+    return max(-1.0, min(1.0, place)) if abs(place) <= 1.2 else unknown
 
 
 def shape(deflection: float, dead_zone: float) -> float:

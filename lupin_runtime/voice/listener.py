@@ -16,7 +16,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import IO, Any, Protocol
 
 from lupin_runtime.json_text import parse_json
@@ -32,6 +32,7 @@ _NICENESS = 5  # the console sends the velocities of bursts, and comes first
 _BEFORE_MS = 300  # of a turn: its first sound is below the page's threshold
 _MAX_TURN_MS = 30_000
 _MAX_SENTENCES = 4  # that wait for the recognizer
+_KEPT_UTTERANCES = 8  # in which a stop may still be found
 _MAX_WINDOW_S = 10.0  # a recognizer that takes longer for a window hears no stop
 
 Emit = Callable[[dict[str, Any]], None]
@@ -46,6 +47,15 @@ class TurnRecognizer(Recognizer, Protocol):
 
 class Deaf(RuntimeError):
     """The recognizer does not answer."""
+
+
+@dataclass(frozen=True)
+class _Sound:
+    """A sound to recognize, and the id of its turn, if any. If it is no turn, only a word for stopping in it counts."""
+
+    turn: str
+    sound: bytes
+    is_turn: bool = True
 
 
 class Listener:
@@ -64,8 +74,10 @@ class Listener:
         self._turn = ""  # id of the turn that is going on
         self._turn_sound: deque[bytes] = deque(maxlen=_MAX_TURN_MS // FRAME_MS)
         self._is_of_turn = False  # whether a part of the utterance belongs to a turn
-        self._has_stopped = False  # whether a word for stopping was spotted in the utterance
-        self._sentences = queue.Queue[tuple[str, bytes]](maxsize=_MAX_SENTENCES)
+        self._turns: dict[int, str] = {}  # id of the turn of each of the last utterances; empty if it has several
+        self._stopped = 0  # number of the last utterance in which a word for stopping was spotted,
+        self._stopped_turn = ""  # and the id of its turn
+        self._sentences = queue.Queue[_Sound](maxsize=_MAX_SENTENCES)
         threading.Thread(target=self._recognize, name="lupin-listener-sentences", daemon=True).start()
 
     def handle(self, kind: Kind, payload: bytes) -> None:
@@ -73,15 +85,15 @@ class Listener:
         if kind is Kind.SOUND and len(payload) == FRAME_BYTES:
             self._hear(payload)
         elif kind is Kind.BEGIN:
-            if self._turn:  # it does not count as a turn any more, but may have a word for stopping
-                self._queue("", b"".join(self._turn_sound))
+            if self._turn and self._turn != self._stopped_turn:  # it is no turn any more, but may have a word for stopping
+                self._queue(_Sound(self._turn, b"".join(self._turn_sound), is_turn=False))
             self._turn = payload.decode(errors="replace")
             self._is_of_turn &= bool(self._turn)
             self._turn_sound.clear()
             self._turn_sound.extend(self._recent)
         elif kind is Kind.END and payload.decode(errors="replace") == self._turn:
             turn, self._turn = self._turn, ""
-            self._queue(turn, b"".join(self._turn_sound))
+            self._queue(_Sound(turn, b"".join(self._turn_sound)))
         elif kind is Kind.SETUP:
             self._set_up(parse_json(payload))
 
@@ -99,35 +111,41 @@ class Listener:
         if self._turn:
             self._turn_sound.append(frame)
         edge = self._spotting.push(frame)
+        number = self._spotting.number
         if edge is Edge.BEGIN:
-            self._is_of_turn = self._has_stopped = False
+            self._is_of_turn = False
+            self._turns.pop(number - _KEPT_UTTERANCES, None)
         self._is_of_turn |= bool(self._turn)
-        if edge is Edge.END and not self._is_of_turn and not self._has_stopped:
-            self._queue("", self._spotting.utterance)
+        if self._turn and (self._spotting.is_speaking or edge is Edge.END):
+            self._turns[number] = self._turn if self._turns.get(number, self._turn) == self._turn else ""
+        if edge is Edge.END and not self._is_of_turn and self._stopped != number:
+            self._queue(_Sound("", self._spotting.utterance, is_turn=False))
 
-    def _stop(self, text: str) -> None:
-        self._has_stopped = True
-        self._emit({"stop": text})
+    def _stop(self, text: str, number: int) -> None:
+        """Report a stop that was spotted in the utterance with this number; called from the spotter's thread."""
+        self._stopped_turn = self._turns.get(number, "")
+        self._stopped = number
+        self._emit({"stop": text, "id": self._stopped_turn})
 
-    def _queue(self, turn: str, sound: bytes) -> None:
+    def _queue(self, sound: _Sound) -> None:
         try:
-            self._sentences.put_nowait((turn, sound))
+            self._sentences.put_nowait(sound)
         except queue.Full:
             with contextlib.suppress(queue.Empty):  # the newest sound counts most: it may have a word for stopping
-                dropped, _ = self._sentences.get_nowait()
-                if dropped:
-                    self._emit({"heard": {"id": dropped, "text": ""}})
+                dropped = self._sentences.get_nowait()
+                if dropped.is_turn:
+                    self._emit({"heard": {"id": dropped.turn, "text": ""}})
             with contextlib.suppress(queue.Full):
-                self._sentences.put_nowait((turn, sound))
+                self._sentences.put_nowait(sound)
 
     def _recognize(self) -> None:
         while True:
-            turn, sound = self._sentences.get()
-            text = self._recognizer.transcribe(sound) if sound else ""
-            if turn:
-                self._emit({"heard": {"id": turn, "text": text}})
+            sound = self._sentences.get()
+            text = self._recognizer.transcribe(sound.sound) if sound.sound else ""
+            if sound.is_turn:
+                self._emit({"heard": {"id": sound.turn, "text": text}})
             elif has_stop_word(text):
-                self._emit({"stop": text})
+                self._emit({"stop": text, "id": sound.turn})
 
 
 def run(create_recognizer: Callable[[], TurnRecognizer], source: IO[bytes], target: IO[bytes]) -> None:

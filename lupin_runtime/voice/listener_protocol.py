@@ -6,8 +6,9 @@ To the listener, each message is a kind, the length of its payload, and the payl
 * BEGIN and END: a turn in speech begins or ends here; the payload is its id. A BEGIN without one: no turn is going on
 * SETUP: JSON with `start_level` and `end_level` of the endpointer, and `names`: lists of those that commands may have, by kind
 
-From the listener, each line is an object with one key: `ready`, `missing` with a reason, `stop` with the text that was heard
-outside turns or before their end, or `heard` with the `id` of a turn and its `text`.
+From the listener, each line is an object with one of these: `ready`, `missing` with a reason, `stop` with the text that was
+heard outside turns or before their end, or `heard` with the `id` of a turn and its `text`. A `stop` comes with the `id` of the
+turn in which it was heard; empty if it was in none, or in several. It may come when the next turn has begun.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -43,6 +43,8 @@ _PER_TOKEN = 0.6  # so that "no" is not likelier than a sentence only because it
 
 MISSING_PACKAGES = "speech recognition needs packages that are not installed; type: pip install 'lupin[voice]'"
 _COMMIT = Call("calibrate_arm", {"action": "commit"})
+_NAMING_TOOLS = ("save_named_location", "arm_save_pose", "arm_record")
+_MOTION = Call("rotate", {"angle_deg": 90.0})  # as another call that is read back
 _PACKAGES = ("onnxruntime", "moonshine_voice")  # the second is not imported: only its model is used
 
 
@@ -99,9 +101,11 @@ class CommandRecognizer:
         stops = [text for text in heard if has_stop_word(text)]
         if stops and (heard[0] in stops or len(stops) > 1):
             return stops[0]
-        if stops or len(heard[0]) > _MAX_LETTERS:
-            return heard[0]
         names = self._names  # which may change meanwhile
+        if stops or may_confirm(heard[0], names):
+            return agreed_answer(heard, names)
+        if len(heard[0]) > _MAX_LETTERS:
+            return heard[0]
         if self._graph is None or self._graph[0] != names:
             self._graph = names, build_graph(ENGLISH, names, self._model.encode_text)
         graph = self._graph[1]
@@ -112,16 +116,17 @@ class CommandRecognizer:
         ]
         sentences = list(dict.fromkeys(found))
         if not sentences:
-            return heard[0]
-        gains = [_gains(self._model.score(each, [*sentences, *heard]), len(sentences)) for each in encoded]
-        return choose(heard, dict(zip(sentences, map(statistics.fmean, zip(*gains)))), names)
+            return choose(dict.fromkeys(heard, 0.0), {}, names)
+        texts = [*sentences, *heard]
+        gains = [_gains(self._model.score(each, texts), len(sentences)) for each in encoded]
+        means = list(map(statistics.fmean, zip(*gains)))
+        return choose(dict(zip(heard, means[len(sentences) :])), dict(zip(sentences, means)), names)
 
     def may_be_halt(self, word: bytes) -> bool:
         """Return whether a single word may be "halt", which this model writes as "old", "all" or "piled"."""
         encoded = self._model.encode_sound(word)
         written = self._model.write(encoded, _seconds(word)).text
-        [gain] = _gains(self._model.score(encoded, ["Halt.", written]), 1)
-        return gain >= -_MAX_HALT_DOUBT
+        return _gains(self._model.score(encoded, ["Halt.", written]), 1)[0] >= -_MAX_HALT_DOUBT
 
     def transcribe_window(self, sound: bytes) -> str:
         """Return what was said in at most WINDOW_S of speech, without a search for commands."""
@@ -129,34 +134,88 @@ class CommandRecognizer:
 
 
 def _gains(scores: Sequence[tuple[float, int]], count: int) -> list[float]:
-    """Return by how much each of the first `count` texts is likelier than the likeliest of the others."""
+    """Return by how much each text is likelier than the likeliest of those after the first `count`."""
     values = [logarithm + _PER_TOKEN * tokens for logarithm, tokens in scores]
-    return [value - max(values[count:]) for value in values[:count]]
+    return [value - max(values[count:]) for value in values]
 
 
-def choose(heard: Sequence[str], gains: Mapping[str, float], names: Names) -> str:
-    """Return the sentence that was meant, or what was heard if none is likely enough, or two are that mean different things.
+def choose(heard: Mapping[str, float], gains: Mapping[str, float], names: Names) -> str:
+    """Return the sentence that was meant. If two are that mean different things, return what is asked again.
 
-    `heard` has what was written of the sound, and of slower ones. `gains` has, by sentence, the logarithm of how much likelier
-    it is than what was heard. What may confirm a read-back is never chosen: a yes, or "commit".
+    `heard` has what was written of the sound, and then of slower ones. `gains` has the sentences of the grammar. Both have the
+    logarithm of how much likelier a text is than the likeliest that was written. What was written counts as it is, if no
+    sentence is likely enough. What may confirm a read-back is never chosen: a yes, or "commit".
     """
-    meanings = {sentence: parse(sentence, Context(names)) for sentence in gains}
-    best = max(gains, key=gains.__getitem__)
-    is_part = any(_leaves_out(best, text) for text in heard)
-    max_doubt = PART_DOUBT if is_part else MAX_DOUBT
-    is_clear = gains[best] >= -max_doubt and all(
-        gains[best] - gains[sentence] >= _margin(meanings[best], meaning) for sentence, meaning in meanings.items()
-    )
-    answer = parse(best, Context(names, pending=_COMMIT))
-    may_confirm = isinstance(answer, Confirmation) and answer.agrees
-    return best if is_clear and not may_confirm else heard[0]
+    written, meanings = next(iter(heard)), {text: _meaning(text, names) for text in (*heard, *gains)}
+
+    def is_clear(text: str, gain: float, rivals: Mapping[str, float]) -> bool:
+        others = [(meanings[rival], other) for rival, other in rivals.items() if meanings[rival] != meanings[text]]
+        return all(gain - other >= _margin(meanings[text], meaning) for meaning, other in others)
+
+    best = max(gains, key=gains.__getitem__, default=written)
+    commands = {
+        text: gain
+        for text, gain in heard.items()
+        if not isinstance(meanings[text], Question) and not _differ_by_new_name(meanings[text], meanings[best])
+    }
+    if best in gains:
+        max_doubt = PART_DOUBT if any(_leaves_out(best, text) for text in heard) else MAX_DOUBT
+        is_likely = gains[best] >= -max_doubt and is_clear(best, gains[best], {**commands, **gains})
+        if is_likely and not may_confirm(best, names):
+            return best
+    if written not in commands:
+        return written
+    # It counts if the likeliest sentence means the same, or it is clearly likelier than all that mean something else.
+    rivals = commands if meanings[written] == meanings[best] else {**commands, **gains}
+    is_part = any(_leaves_out(written, text) for text in heard)
+    return written if is_clear(written, heard[written], rivals) and not is_part else _unclear((*commands, best), names)
+
+
+def agreed_answer(heard: Sequence[str], names: Names) -> str:
+    """Return what was written of a sound if it is a yes, and so are the slower ones; else what is asked again, or a no.
+
+    A command is asked again, too: one of the slower sounds has a word for stopping.
+    """
+    if _meaning(heard[0], names) == Confirmation(False) or isinstance(_meaning(heard[0], names), Question):
+        return heard[0]
+    answers = {tuple(_agrees(text, names)) for text in heard}
+    return heard[0] if may_confirm(heard[0], names) and len(answers) == 1 else _unclear(heard, names)
+
+
+def may_confirm(text: str, names: Names) -> bool:
+    """Return whether a text confirms a call that was read back."""
+    return any(_agrees(text, names))
+
+
+def _agrees(text: str, names: Names) -> list[bool]:
+    """Return whether a text confirms a motion, and whether it confirms new offsets."""
+    answers = [parse(text, Context(names, pending=call)) for call in (_MOTION, _COMMIT)]
+    return [isinstance(answer, Confirmation) and answer.agrees for answer in answers]
+
+
+def _meaning(text: str, names: Names) -> Meaning:
+    answer = parse(text, Context(names, pending=_MOTION))
+    return answer if isinstance(answer, Confirmation) else parse(text, Context(names))
+
+
+def _unclear(texts: Iterable[str], names: Names) -> str:
+    """Return a text that shows what was heard, and is asked again: as a question, it is no command and no yes."""
+    text = " or ".join(dict.fromkeys(each.strip(" .,!?") for each in texts)) + "?"
+    contexts = (Context(names), Context(names, pending=_MOTION), Context(names, pending=_COMMIT))
+    return text if all(isinstance(parse(text, context), Question) for context in contexts) else ""
 
 
 def _margin(one: Meaning, other: Meaning) -> float:
-    if one == other:
-        return 0.0
+    """Return by how much one of two different meanings must be likelier."""
     has_other_value = isinstance(one, Call) and isinstance(other, Call) and one.tool == other.tool
     return VALUE_MARGIN if has_other_value else MIN_MARGIN
+
+
+def _differ_by_new_name(one: Meaning, other: Meaning) -> bool:
+    """Return whether two commands give different new names: any text is one, and the sentences have only the usual ones."""
+    if not (isinstance(one, Call) and isinstance(other, Call) and one.tool == other.tool in _NAMING_TOOLS):
+        return False
+    return one != other and {**one.arguments, "name": ""} == {**other.arguments, "name": ""}
 
 
 def _leaves_out(sentence: str, text: str) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from lupin_runtime.voice.language import Language
 from lupin_runtime.voice.phrases import Choice, Sequence, Slot, Word, compile_pattern
@@ -19,6 +20,7 @@ _EMPTY = -2
 _DIGITS = "0123456789"
 _SMALL = 20
 _MAX_DIGITS, _MAX_DECIMALS = 4, 2
+MAX_KEPT = 4096  # sets of states: numbers allow so many that a listener of a whole day would keep them without end
 
 Encode = Callable[[str], list[int]]
 """Returns the tokens of a text that stands as it is: with its space, if one comes before it."""
@@ -38,6 +40,7 @@ class SentenceGraph:
     def allowed(self, states: frozenset[int]) -> frozenset[int]:
         """Return the tokens that may come next."""
         if states not in self._allowed:
+            _make_room(self._allowed)
             self._allowed[states] = frozenset().union(*(self._arcs.get(state, ()) for state in states)) - {_EMPTY}
         return self._allowed[states]
 
@@ -45,6 +48,7 @@ class SentenceGraph:
         """Return the states after a token."""
         key = (states, token)
         if key not in self._followed:
+            _make_room(self._followed)
             arcs = [self._arcs.get(state, {}) for state in states]
             after = set[int]().union(*(each.get(token, ()) for each in arcs))
             self._followed[key] = frozenset().union(*map(self._closure, after))
@@ -64,6 +68,11 @@ class SentenceGraph:
                 waiting.extend(new)
             self._closures[state] = frozenset(found)
         return self._closures[state]
+
+
+def _make_room(kept: dict[Any, Any]) -> None:
+    if len(kept) >= MAX_KEPT:
+        kept.clear()
 
 
 class _Builder:

@@ -13,16 +13,27 @@ WORD_PAUSE_MS = 200  # after a word; between two of a sentence there is less
 
 
 class SpottingEndpointer:
-    """An endpointer whose utterances a stop-word spotter hears; `stop` is called from the spotter's thread."""
+    """An endpointer whose utterances a stop-word spotter hears.
 
-    def __init__(self, recognizer: Recognizer, stop: Callable[[str], None], settings: EndpointerSettings | None = None) -> None:
+    `stop` is called from the spotter's thread with what was heard, and the number of the utterance in which it was.
+    """
+
+    def __init__(
+        self, recognizer: Recognizer, stop: Callable[[str, int], None], settings: EndpointerSettings | None = None
+    ) -> None:
         self._endpointer = Endpointer(settings)
         self._spotter = StopSpotter(recognizer, stop)
+        self.number = 0  # of the present utterance, or of the last one
 
     @property
     def utterance(self) -> bytes:
         """The sound of the present utterance, or of the last one."""
         return self._endpointer.utterance
+
+    @property
+    def is_speaking(self) -> bool:
+        """Whether an utterance is going on."""
+        return self._endpointer.is_speaking
 
     @property
     def busy_s(self) -> float:
@@ -33,7 +44,7 @@ class SpottingEndpointer:
         """Take the next frame, and return the edge that it is, if any."""
         edge = self._endpointer.push(frame)
         if edge is Edge.BEGIN:
-            self._spotter.begin()
+            self.number = self._spotter.begin()
         if self._endpointer.is_speaking:
             utterance, quiet_ms = self._endpointer.utterance, self._endpointer.quiet_ms
             self._spotter.update(utterance)

@@ -25,28 +25,31 @@ _BYTES_PER_S = SAMPLE_RATE_HZ * SAMPLE_BYTES
 class StopSpotter:
     """Calls `stop` from its thread when a word for stopping is heard, and again once WINDOW_S of new sound has come.
 
-    In a noise an utterance may last long after its stop: a second one must be heard, too.
+    In a noise an utterance may last long after its stop: a second one must be heard, too. `stop` gets the text and the number
+    of the utterance: the next one may have begun before the recognizer finds the stop.
     """
 
-    def __init__(self, recognizer: Recognizer, stop: Callable[[str], None]) -> None:
+    def __init__(self, recognizer: Recognizer, stop: Callable[[str, int], None]) -> None:
         self._recognizer = recognizer
         self._stop = stop
         self._changed = threading.Condition()
         self._utterance = 0
         self._sound = b""
-        self._word = b""
-        self._heard_bytes = self._agreeing = 0
+        self._word: tuple[int, bytes] | None = None  # the last word, with the number of its utterance
+        self._heard_bytes = 0
+        self._agreeing = self._counted = 0  # windows in a row, of the utterance with this number
         self._deaf_until = 0  # bytes of the utterance, after a stop
         self._is_closed = False
         self._window_began_s: float | None = None
         self._thread = threading.Thread(target=self._run, name="lupin-stop-spotter", daemon=True)
         self._thread.start()
 
-    def begin(self) -> None:
-        """Begin a new utterance."""
+    def begin(self) -> int:
+        """Begin a new utterance, and return its number."""
         with self._changed:
             self._utterance += 1
-            self._sound, self._word, self._heard_bytes, self._agreeing, self._deaf_until = b"", b"", 0, 0, 0
+            self._sound, self._heard_bytes, self._deaf_until = b"", 0, 0
+            return self._utterance
 
     def update(self, utterance: bytes) -> None:
         """Take the sound of the utterance so far."""
@@ -57,7 +60,7 @@ class StopSpotter:
     def end_word(self, word: bytes) -> None:
         """Take an utterance that was a single word, and may go on."""
         with self._changed:
-            self._word = word
+            self._word = self._utterance, word
             self._changed.notify()
 
     @property
@@ -83,25 +86,26 @@ class StopSpotter:
                 text = self._recognizer.transcribe_window(sound)
             self._window_began_s = None
             with self._changed:
-                if number != self._utterance:
-                    continue
-                self._agreeing = self._agreeing + 1 if has_stop_word(text) else 0
+                before = self._agreeing if self._counted == number else 0
+                self._counted, self._agreeing = number, before + 1 if has_stop_word(text) else 0
                 is_stop = self._agreeing >= AGREEING_WINDOWS or bool(is_word and text)
                 if is_stop:
-                    self._agreeing, self._deaf_until = 0, self._heard_bytes + int(WINDOW_S * _BYTES_PER_S)
+                    self._agreeing = 0
+                    if number == self._utterance:
+                        self._deaf_until = self._heard_bytes + int(WINDOW_S * _BYTES_PER_S)
             if is_stop:
-                self._stop(text)
+                self._stop(text, number)
 
     def _next_window(self) -> tuple[int, bytes, bool] | None:
         """Wait for a word or enough new sound; return it with the number of its utterance, or None once closed."""
         with self._changed:
-            self._changed.wait_for(lambda: self._is_closed or self._word or self._has_enough())
+            self._changed.wait_for(lambda: self._is_closed or self._word is not None or self._has_enough())
             if self._is_closed:
                 return None
-            if self._word and len(self._word) >= self._deaf_until:
-                word, self._word = self._word, b""
-                return self._utterance, word, True
-            self._word = b""
+            if self._word is not None:
+                (number, word), self._word = self._word, None
+                if number != self._utterance or len(word) >= self._deaf_until:
+                    return number, word, True
             self._heard_bytes = len(self._sound)
             return self._utterance, self.window(self._sound), False
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bench.link_rig import LinkFault, Sample, in_outage, moved_m
+from bench.link_rig import LinkFault, in_outage
+from tests.support.true_path import Sample, moved_m
 
 FAULT = LinkFault("switch-dead", from_s=10.0, to_s=13.0)
 

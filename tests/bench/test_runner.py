@@ -127,4 +127,4 @@ def test_list_names_every_benchmark_and_its_limits(capsys: pytest.CaptureFixture
 
 def test_unknown_benchmark_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("no-such") == 2
-    assert "unknown benchmark no-such; choose from: cli, " in capsys.readouterr().err
+    assert "unknown benchmark no-such; choose from: arm, cli, " in capsys.readouterr().err

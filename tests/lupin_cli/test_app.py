@@ -107,3 +107,29 @@ def test_unhandled_error_is_reported_without_traceback(
     with pytest.raises(SystemExit) as exited:
         main()
     assert exited.value.code == code and text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("verb", "function"),
+    [
+        ("doctor", "lupin_cli.doctor.session.examine_all"),
+        ("bundle", "lupin_cli.bundle.collect.examine_all"),
+        ("home", "lupin_cli.app.app"),
+    ],
+)
+def test_interrupt_in_the_release_of_a_lock_counts(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, verb: str, function: str
+) -> None:
+    def wait_for_threads(*_: object, **_options: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise RuntimeError("release unlocked lock")  # as threading's Condition does, whose wait was interrupted
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(function, wait_for_threads)
+    monkeypatch.setattr(sys, "argv", ["lupin", verb, "--local"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 130
+    assert list(tmp_path.iterdir()) == []

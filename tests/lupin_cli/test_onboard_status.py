@@ -73,6 +73,14 @@ def test_state_is_unknown_without_the_process_that_judges_it(healthy: Onboard) -
     assert [problem.text for problem in found.problems] == ["body is starting: no service"]
 
 
+@pytest.mark.parametrize("processes", [True, False])
+def test_unknown_state_has_a_next_command(healthy: Onboard, processes: bool) -> None:
+    """The units run, and nothing was written: of a version that writes nothing, or on a full disk."""
+    state = replace(healthy, robot=None, processes=healthy.processes if processes else ())
+    (problem,) = judge("mirte", machine(), state, {}).problems
+    assert problem.next_command == f"journalctl -b -u {ONBOARD} -n 50"
+
+
 @pytest.mark.parametrize(
     ("state", "light", "problems"),
     [("waiting for vendor", "waiting for vendor", 0), ("homing", "homing", 0), ("ready", "e-stop or fault", 1)],

@@ -59,7 +59,7 @@ class Vendor:
             goal.succeed()
             return GripperCommand.Result(position=command.position, reached_goal=True)
 
-        self._server = ActionServer(self.node, GripperCommand, graph.GRIPPER_COMMAND.name, grip)
+        self._server: Any = ActionServer(self.node, GripperCommand, graph.GRIPPER_COMMAND.name, grip)
         host.add(self.node)
 
     def _switch(self, name: str) -> Callable[..., Any]:
@@ -78,8 +78,14 @@ class Vendor:
         self.silent.clear()
         self._answering.set_result(None)
 
+    def deactivate_gripper(self) -> None:
+        """Take the gripper's action away, as if its controller were not active."""
+        server, self._server = self._server, None
+        if server is not None:
+            server.destroy()
+
     def close(self) -> None:
-        self._server.destroy()
+        self.deactivate_gripper()
 
     @property
     def last(self) -> tuple[float, ...]:

@@ -26,7 +26,8 @@ class GraphClient:
 
         self.folder = folder
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=json.loads((folder / "run.json").read_text())["domain"])
+        # The run of a robot's units names no domain: it is on the one of the environment.
+        rclpy.init(context=self._context, domain_id=json.loads((folder / "run.json").read_text()).get("domain"))
         self.node = LupinNode(name, context=self._context, enable_rosout=False)
         self._clients: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}

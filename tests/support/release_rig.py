@@ -19,6 +19,7 @@ from lupin_runtime import graph
 from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 from tests.support.graph_client import GraphClient
 from tests.support.hang import Hang, is_replaced, send
+from tests.support.true_path import Sample, parse_path
 
 if TYPE_CHECKING:
     from tests.support.motion_sources import MotionSource
@@ -142,14 +143,9 @@ class ReleaseRig(GraphClient):
         self.set_estop(True)
 
     # -- motion --------------------------------------------------------------------------------------------------------
-    def trajectory(self) -> list[tuple[float, float, float]]:
-        """Return the robot's true positions: time (s), x, y (m). The last second may be missing."""
-        rows = []
-        for line in (self.folder / "truth_trajectory.tum").read_text().splitlines():
-            fields = line.split()
-            if len(fields) == 8:
-                rows.append((float(fields[0]), float(fields[1]), float(fields[2])))
-        return rows
+    def trajectory(self) -> list[Sample]:
+        """Return the robot's true path. The last second may be missing."""
+        return parse_path((self.folder / "truth_trajectory.tum").read_text())
 
     def _state(self) -> dict[str, Any]:
         state: dict[str, Any] = json.loads((self.folder / "sim_state.json").read_text())

@@ -470,6 +470,19 @@ def test_page_sending_zeros_holds_the_bus() -> None:
     assert finding.id == "pad-holds-bus" and finding.severity is Severity.WARNING
 
 
+def test_idle_wheels_while_commanded_show_a_wedged_board() -> None:
+    driven = {"inputs": (DriveInput("/cmd_vel_joy", 24, 24),), "drive_bus_holder": "joy", "drive_bus_locks": ()}
+    (finding,) = root_findings(graph(idle_wheels_s=1.3, **driven))
+    assert finding.id == "board-wedged" and finding.fix.playbook == "recover-board"
+    assert finding.cause.startswith("the encoders are silent while the wheels are commanded")
+    assert finding.evidence[0] == f"{ODOM.name} on robot: unchanged for 1.3 s, while the input joy drove"
+    assert ids(graph(idle_wheels_s=0.9, **driven)) == []
+    assert "board-wedged" not in ids(graph(idle_wheels_s=1.3, **{**driven, "drive_bus_locks": ("e-stop engaged",)}))
+    assert "board-wedged" not in ids(graph(idle_wheels_s=1.3, battery=(0.9, 0.3), **driven)), "the motors have no power"
+    simulated = dataclasses.replace(graph(idle_wheels_s=1.3, **driven), kind="sim")
+    assert "board-wedged" not in ids(simulated)
+
+
 @pytest.mark.parametrize(
     "drive_input",
     [DriveInput("/cmd_vel_manual", 24, 3), DriveInput("/cmd_vel_manual", 5, 0), DriveInput("/cmd_vel_auto", 24, 0)],

@@ -12,11 +12,14 @@ from typing import Any
 
 import pytest
 
+from lupin_cli.commands import voice
 from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE, USAGE_ERROR
 from lupin_cli.run import voice_session
 from lupin_cli.run.voice_session import Options, run_session
+from lupin_cli.terminal import echo
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.slots import Names
+from lupin_runtime.voice.speech import SpeechUnavailable
 
 
 @pytest.fixture
@@ -79,7 +82,12 @@ def test_missing_packages_say_what_to_install(home: dict[str, str], tmp_path: Pa
     ("words", "status", "message"),
     [
         (["--text", "stop"], UNREACHABLE, "lupin up"),
-        (["--url", "http://127.0.0.1:1", "stop"], UNREACHABLE, "no voice service at http://127.0.0.1:1"),
+        (["--console", "127.0.0.1:1", "stop"], UNREACHABLE, "no voice service at http://127.0.0.1:1"),
+        (["--console", "robot.invalid", "stop"], UNREACHABLE, "the name robot.invalid is not known here"),
+        (["--console", "no/host", "stop"], USAGE_ERROR, "is not HOST or HOST:PORT of a console"),
+        (["--code", "K7Q2-MXPA", "stop"], USAGE_ERROR, "name it with --console"),
+        (["--console", "localhost", "--forget"], USAGE_ERROR, "only the console of another computer is paired"),
+        (["--console", "robot.invalid", "--code", "-", "stop"], USAGE_ERROR, "standard input has no code"),
         (["--dry-run", "--wav", "/missing.wav"], USAGE_ERROR, "cannot read /missing.wav: No such file or directory"),
         (["--dry-run", "--wav", "/dev/null", "stop"], USAGE_ERROR, "either a sound or a sentence"),
         (["--dry-run", "--language", "xx", "stop"], USAGE_ERROR, "'xx' is not one of en, nl"),
@@ -89,6 +97,27 @@ def test_missing_packages_say_what_to_install(home: dict[str, str], tmp_path: Pa
 def test_error_says_what_to_do(home: dict[str, str], words: list[str], status: int, message: str) -> None:
     done = lupin(home, *words)
     assert (done.returncode, done.stdout) == (status, "") and message in " ".join(done.stderr.split())
+
+
+def test_pairing_is_forgotten(home: dict[str, str]) -> None:
+    path = Path(home["XDG_STATE_HOME"]) / "lupin" / "console" / "paired" / "robot.local_8090.json"
+    path.parent.mkdir(parents=True)
+    path.write_text("{}")
+    words = ("--console", "robot.local", "--forget")
+    assert lupin(home, *words, "--dry-run").stdout == f"would delete {path}\n" and path.exists()
+    done = lupin(home, *words)
+    assert (done.returncode, path.exists()) == (SUCCESS, False) and "lupin console revoke NAME" in done.stdout
+    done = lupin(home, *words)
+    assert (done.returncode, done.stdout) == (SUCCESS, "nothing to forget: robot.local is not known\n")
+
+
+def test_code_is_the_first_line_of_standard_input() -> None:
+    source, target = os.pipe()
+    os.write(target, b" K7Q2-MXPA \nstop\n")
+    os.close(target)
+    assert voice._read_line(source) == "K7Q2-MXPA" and os.read(source, 100) == b"stop\n"
+    assert voice._read_line(source) == ""
+    os.close(source)
 
 
 class Recognizer:
@@ -109,8 +138,8 @@ class Recognizer:
 
 def options(**changes: Any) -> Options:
     chosen: dict[str, Any] = {
-        "sentence": None, "is_typed": False, "wav": None, "language": ENGLISH, "speaks": False, "as_json": False, "url": None,
-        **changes,
+        "sentence": None, "is_typed": False, "wav": None, "language": ENGLISH, "speaks": False, "as_json": False,
+        "console": None, **changes,
     }  # fmt: skip
     return Options(**chosen)
 
@@ -135,7 +164,8 @@ def test_microphone_is_heard_until_it_ends(
 ) -> None:
     (tmp_path / "sound").write_bytes(b"\0\x10" * 8_000 + b"\0" * 32_000)
     program = tmp_path / "arecord"
-    program.write_text(f"#!/bin/sh\ncat {tmp_path}/sound\n")
+    more = f"while [ ! -e {tmp_path}/shown ]; do head -c 1600 /dev/zero; sleep 0.05; done"
+    program.write_text(f"#!/bin/sh\ncat {tmp_path}/sound\n{more}\necho unplugged >&2\nexit 1\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
 
@@ -146,8 +176,15 @@ def test_microphone_is_heard_until_it_ends(
 
         transcribe_window = transcribe
 
+    def show(message: object, *, err: bool = False) -> None:
+        echo(message, err=err)
+        if not err:
+            (tmp_path / "shown").touch()
+
     monkeypatch.setattr(voice_session, "CommandRecognizer", Stopped)
-    assert run_session(options())
+    monkeypatch.setattr(voice_session, "echo", show)
+    with pytest.raises(SpeechUnavailable, match=r"the microphone is lost: unplugged; see .* arecord -l"):
+        run_session(options())
     # By the spotter, or by the whole sentence if that was faster: never by both.
     assert capsys.readouterr().out == "'Stop.': would call engage_estop {}\n"
 

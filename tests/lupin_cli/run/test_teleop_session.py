@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from lupin_cli.run.teleop_session import TeleopSession, drive
+from lupin_cli.run.teleop_session import MAX_BYTES, TeleopSession, _read_keys, drive
 from lupin_cli.safe_console import SafeConsole
 from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, Twist, decode
@@ -182,6 +182,29 @@ def test_view_shows_why_the_drive_bus_is_locked(rig: Rig) -> None:
     rig.host.until(lambda: session.status, what="the status")
     assert "locked: e-stop engaged" in shown(session)
     assert "no message received" in shown(session)
+
+
+@pytest.mark.parametrize(
+    ("typed", "is_late", "expected"),
+    [
+        (b"ww", False, ["w", "w"]),
+        (b"", False, []),
+        (b"", True, []),
+        (b"w" * 8, True, []),
+        (b"w" * (MAX_BYTES + 5), True, []),  # also what a second reading has
+        (b"w" * (MAX_BYTES + 5) + b"x", True, None),
+        (b"x", True, None),
+    ],
+)
+def test_keys_typed_while_it_was_held_up_only_end_it(
+    monkeypatch: pytest.MonkeyPatch, typed: bytes, is_late: bool, expected: list[str] | None
+) -> None:
+    reader, writer = os.pipe()
+    os.write(writer, typed)
+    with os.fdopen(reader) as terminal:
+        monkeypatch.setattr("sys.stdin", terminal)
+        assert _read_keys(is_late) == expected
+    os.close(writer)
 
 
 def test_keys_of_a_terminal_drive_until_x(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator
+import threading
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,14 @@ SPOKEN, PAUSE = b"\0\x10" * 8_000, b"\0" * 32_000
 
 async def collect(turns: AsyncIterator[Turn]) -> list[str]:
     return [turn.sentence async for turn in turns]
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async def wait() -> None:
+        while not condition():
+            await asyncio.sleep(0.01)
+
+    await asyncio.wait_for(wait(), 20.0)
 
 
 def test_lines_of_a_pipe_are_read_as_they_come() -> None:
@@ -47,9 +56,11 @@ class Heard:
         self.stops: list[str] = []
         self.state: dict[str, Any] = {}
         self.problem: SpeechUnavailable | None = None
+        self.may_transcribe = threading.Event()  # cleared, sentences take as long as the test wants
+        self.may_transcribe.set()
 
     def transcribe(self, sound: bytes) -> str:
-        assert sound
+        assert sound and self.may_transcribe.wait(20.0)
         return self.texts.pop(0)
 
     def transcribe_window(self, sound: bytes) -> str:
@@ -105,6 +116,57 @@ def test_stop_is_reported_once_by_spotter_or_sentence() -> None:
     heard.spotted = "stop"
     sentences = asyncio.run(heard.hear(SPOKEN * 6 + PAUSE))
     assert [*sentences, *heard.stops] == ["stop"]
+
+
+def test_second_stop_of_one_utterance_counts() -> None:
+    async def test() -> None:
+        heard = Heard()
+        microphone = Microphone(iter(()), heard, heard, heard.stop, lambda: False)
+        for _ in range(2):
+            microphone._post_stop("1", "stop")
+        await until(lambda: len(heard.stops) == 2)
+
+    asyncio.run(test())
+
+
+def test_late_stop_does_not_hide_the_stop_of_the_next() -> None:
+    async def test() -> None:
+        heard = Heard("what is the battery", "stop it")
+        heard.may_transcribe.clear()
+        microphone = Microphone(heard.frames((SPOKEN + PAUSE) * 2), heard, heard, heard.stop, lambda: False)
+        turns = microphone.turns()
+        first = asyncio.ensure_future(anext(turns))
+        await until(lambda: len(heard.turns) == 2)  # the first utterance is being recognized, and the second is heard
+        microphone._post_stop(heard.turns[0][0], "stop")  # from the spotter, of the first
+        heard.may_transcribe.set()
+        assert (await first).sentence == "stop it" and heard.stops == ["stop"]
+
+    asyncio.run(test())
+
+
+def test_loss_of_the_microphone_waits_for_nothing() -> None:
+    async def test() -> None:
+        heard = Heard("turn left ninety degrees")
+        heard.may_transcribe.clear()
+        heard.problem = SpeechUnavailable("the microphone is lost")
+        with pytest.raises(SpeechUnavailable, match="the microphone is lost"):
+            await heard.hear(SPOKEN + PAUSE)  # while the sentence is still being recognized
+        heard.may_transcribe.set()
+
+    asyncio.run(test())
+
+
+def test_stop_before_the_loss_of_the_microphone_is_carried_out() -> None:
+    async def test() -> None:
+        heard = Heard()
+        microphone = Microphone(iter(()), heard, heard, heard.stop, lambda: False)
+        microphone._post_stop("1", "stop")
+        microphone._call(microphone._note_loss, SpeechUnavailable("the microphone is lost"))
+        with pytest.raises(SpeechUnavailable):
+            await collect(microphone.turns())
+        assert heard.stops == ["stop"]
+
+    asyncio.run(test())
 
 
 def test_failure_of_the_microphone_is_raised() -> None:

@@ -13,9 +13,10 @@ import pytest
 from lupin_cli.checks import cameras, ports, services
 from lupin_sim.host import Host
 from tests.support.examined_robot import ExaminedRobot
+from tests.support.onboard_units import TIMEOUT_S
 from tests.support.waiting import wait_until
 
-from .test_units_on_host import TIMEOUT_S, journal, show, state
+from .test_units_on_host import journal, show, state
 
 pytestmark = pytest.mark.host
 

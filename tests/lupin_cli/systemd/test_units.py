@@ -88,7 +88,7 @@ def test_units_verify_the_release_before_they_start_it(rendered: dict[str, Path]
 
 def test_restarts_and_memory_are_bounded(rendered: dict[str, Path]) -> None:
     onboard = directives(rendered["lupin-onboard.service"].read_text())
-    assert onboard["Restart"] == ["on-failure"] and onboard["RestartSec"] == ["4"] and onboard["MemoryMax"] == ["256M"]
+    assert onboard["Restart"] == ["on-failure"] and onboard["RestartSec"] == ["4"] and onboard["MemoryMax"] == ["320M"]
     home = directives(rendered["lupin-auto-home.service"].read_text())
     assert home["Type"] == ["oneshot"] and home["RemainAfterExit"] == ["yes"]
     assert home["Restart"] == ["on-failure"] and home["RestartSec"] == ["15"] and home["StartLimitBurst"] == ["4"]

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 import signal
-import sys
 from typing import Any
 
 import pytest
 
 from lupin_sim.host import Host
-from lupin_sim.host.computer import CommandResult
-from lupin_sim.host.host import PROJECT
+from tests.support.onboard_units import TIMEOUT_S, run_script_on_graph
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.host
-TIMEOUT_S = 60.0
 # Prints for each topic how many messages arrived in the five seconds after the first ones.
 LISTENER = """
 import time
@@ -143,25 +139,13 @@ def test_killed_process_restarts_alone_supervisor_restarts_all(robot_host: Host)
     )
 
 
-def run_on_graph(host: Host, script: str, *arguments: str) -> CommandResult:
-    """Run a Python script on the robot, as a node of its graph."""
-    profile = "/home/mirte/mirte_ws/install/super_client.xml"
-    environment = f"ROS_DISCOVERY_SERVER=127.0.0.1 FASTRTPS_DEFAULT_PROFILES_FILE={profile} PYTHONPATH={PROJECT}"
-    environment += " XDG_STATE_HOME=/run/lupin-onboard"
-    command = shlex.join([sys.executable, "-c", script, *arguments])
-    # As the robot's user: nodes of other users do not get all data over shared memory. As a unit, as its monotonic clock is
-    # that of the other units; the clock of a command that enters the computer from outside differs.
-    unit = ("systemd-run", "--quiet", "--wait", "--pipe", "--collect", "--uid=mirte")
-    return host.robot.run_as_root(*unit, "sh", "-c", f"{environment} {command}", timeout_s=TIMEOUT_S)
-
-
 @pytest.mark.parametrize("name", ["estop", "drive", "body", "supervisor"])
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
 def test_wheels_stop_when_a_process_hangs_or_dies(robot_host: Host, name: str, number: signal.Signals) -> None:
     assert robot_host.robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=TIMEOUT_S).status == 0
     supervisor = show(robot_host, "lupin-onboard", "MainPID")
     pid = supervisor if name == "supervisor" else str(stages(robot_host)[name]["pid"])
-    done = run_on_graph(robot_host, DRIVER, name, pid, str(int(number)))
+    done = run_script_on_graph(robot_host.robot, DRIVER, name, pid, str(int(number)))
     robot_host.robot.run_as_root("kill", "-CONT", supervisor)
     assert done.status == 0, done.stderr + journal(robot_host, "lupin-onboard")
     result = json.loads(done.stdout)
@@ -217,7 +201,7 @@ def test_estop_and_drive_keep_publishing_after_clock_steps_back(robot_host: Host
         assert robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=TIMEOUT_S).status == 0
     finally:
         robot.undo_fault("clock-wrong")
-    done = run_on_graph(robot_host, LISTENER)
+    done = run_script_on_graph(robot_host.robot, LISTENER)
     estop_count, drive_count = map(int, done.stdout.split())
     assert estop_count >= 10 and drive_count >= 3, done.stderr  # 5 Hz and 1 Hz, on a busy machine
 
@@ -271,5 +255,5 @@ def test_systemd_on_the_robot_accepts_the_units(robot_host: Host) -> None:
     )
     assert (verified.status, verified.stderr) == (0, "")
     limits = robot_host.robot.run_as_root("systemctl", "show", "lupin-onboard").stdout
-    for line in ("LimitRTPRIO=1", "MemoryMax=268435456", "ProtectClock=yes", "KillMode=mixed", "OOMPolicy=continue"):
+    for line in ("LimitRTPRIO=1", "MemoryMax=335544320", "ProtectClock=yes", "KillMode=mixed", "OOMPolicy=continue"):
         assert re.search(rf"^{line}$", limits, re.MULTILINE), line

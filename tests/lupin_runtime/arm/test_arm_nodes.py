@@ -11,6 +11,7 @@ import pytest
 
 from lupin_runtime import graph
 from lupin_runtime.arm import PRESETS, Refused, async_wait
+from lupin_runtime.arm.motion import HOLD_FRESH_S
 from tests.support.arm_vendor import Vendor, arm_nodes, record
 from tests.support.optional import present
 
@@ -115,6 +116,12 @@ def arm_feedback() -> tuple[float, ...] | None:
     return None if state is None else state.arm
 
 
+def arm_is_seen() -> bool:
+    from lupin_runtime.arm.shared_arm import _SHARED_ARM
+
+    return present(_SHARED_ARM.motion).state(fresh=True, max_age_s=HOLD_FRESH_S) is not None
+
+
 def test_overlapping_torque_calls_do_not_interleave(graph_host: GraphHost, vendor: Any, console: Any) -> None:
     arm_nodes(graph_host, pinned_by=vendor)
     futures = [console.send(graph.ARM_SET_TORQUE, data=on) for on in (False, True, False, True)]
@@ -139,6 +146,28 @@ def test_refused_torque_reopens_the_gate(graph_host: GraphHost, vendor: Any, con
     assert not answer.success and "out of order" in answer.message
     assert vendor.calls == [("gate", False), ("torque", False), ("gate", True)]
     assert console.ask(graph.ARM_PRESET, name="home").success
+
+
+def test_gate_reopens_on_the_pose_of_an_arm_that_was_moving(graph_host: GraphHost, vendor: Any, console: Any) -> None:
+    arm_nodes(graph_host, pinned_by=vendor)
+    vendor.refuse = {("torque", False)}
+    assert console.ask(graph.ARM_PRESET, name="tuck").success
+    graph_host.until(lambda: len(vendor.trajectories) == 2, what="the preset")
+    assert not console.ask(graph.ARM_SET_TORQUE, data=False).success
+    graph_host.until(lambda: len(vendor.trajectories) == 3, what="the pose in which the arm is held")
+    assert vendor.last == tuple(vendor.at)
+
+
+def test_gate_stays_closed_if_the_pose_is_unknown(graph_host: GraphHost, vendor: Any, console: Any) -> None:
+    arm_nodes(graph_host, pinned_by=vendor)
+    vendor.refuse = {("torque", False)}
+    vendor.publishes = False
+    with graph_host.clock.real():
+        graph_host.until(lambda: not arm_is_seen(), what="the end of the feedback")
+        answer = console.ask(graph.ARM_SET_TORQUE, data=False)
+    assert not answer.success and "the arm takes no commands" in answer.message
+    assert vendor.calls == [("gate", False), ("torque", False)]
+    assert not console.ask(graph.ARM_PRESET, name="home").success
 
 
 def test_arm_counts_as_limp_if_the_answer_was_lost(
@@ -250,7 +279,8 @@ def test_kinesthetic_recording_needs_a_limp_arm(graph_host: GraphHost, vendor: A
     vendor.refuse = {("torque", False)}
     answer = console.ask(graph.ARM_LIBRARY_RECORD, action="start", name="led", mode="kinesthetic")
     assert not answer.success and "out of order" in answer.message
-    graph_host.until(lambda: console.states, what="the library's state")
+    console.states.clear()
+    graph_host.until(lambda: console.states, what="the library's state after it")
     assert not console.states[-1]["recording"] and console.states[-1]["torque"]
     assert console.ask(graph.ARM_LIBRARY_RECORD, action="start", name="x").success, "rolled back"
 
@@ -289,6 +319,43 @@ def test_torque_off_ends_a_replay(graph_host: GraphHost, vendor: Any, console: A
     graph_host.until(lambda: console.states[-1]["playing"], what="the playing state")
     assert console.ask(graph.ARM_SET_TORQUE, data=False).success
     graph_host.until(lambda: not console.states[-1]["playing"], what="the end of the replay")
+
+
+@pytest.mark.parametrize("cause", ["torque", "held up"])
+def test_replay_of_an_arm_that_was_held_is_aborted(
+    graph_host: GraphHost, vendor: Any, console: Any, tmp_path: Path, cause: str
+) -> None:
+    library = arm_nodes(graph_host, tmp_path, pinned_by=vendor)[-1]
+    graph_host.until(lambda: console.states, what="the library's state")
+    record(graph_host, vendor, console, "nod", "teleop")
+    assert console.ask(graph.ARM_LIBRARY_PLAY, name="nod", speed=0.25).success
+    if cause == "torque":
+        assert console.ask(graph.ARM_SET_TORQUE, data=True).success
+    else:
+        graph_host.within(library, lambda: setattr(library._activity, "sampled_ns", library._activity.sampled_ns - 10**9))
+    graph_host.until(lambda: console.states[-1]["aborted"], what="the end of the replay")
+    assert ("the arm was stopped" if cause == "torque" else "held up for 1.0 s") in console.states[-1]["aborted"]
+    assert not console.states[-1]["playing"]
+
+    def is_held() -> bool:
+        library.motion.hold_if_due()  # as arm_monitor calls it
+        return list(vendor.trajectories[-1].points[-1].positions) == vendor.at
+
+    graph_host.until(is_held, what="the held pose")
+    assert vendor.gripper_goals == []
+
+
+def test_recording_stopped_before_it_began_is_refused(graph_host: GraphHost, vendor: Any, console: Any, tmp_path: Path) -> None:
+    arm_nodes(graph_host, tmp_path, pinned_by=vendor)
+    vendor.silent = {("torque", False)}
+    start = console.send(graph.ARM_LIBRARY_RECORD, action="start", name="led", mode="kinesthetic")
+    graph_host.until(lambda: ("torque", False) in vendor.calls, what="the recording's wait for the torque")
+    stop = console.send(graph.ARM_LIBRARY_STOP)
+    graph_host.until(lambda: console.states and not console.states[-1]["recording"], what="the end of the recording")
+    graph_host.within(vendor.node, vendor.answer)
+    graph_host.until(lambda: start.done() and stop.done(), what="both answers")
+    assert not start.result().success and start.result().message == "stopped before it began"
+    assert vendor.calls[-2:] == [("torque", True), ("gate", True)]
 
 
 def test_stopped_replay_keeps_the_next_ones_reservation(

@@ -143,6 +143,21 @@ def test_gripper_is_jogged_by_its_action(rig: Rig) -> None:
     assert rig.vendor.last[1:] == (0.2, 0.3, -0.4)
 
 
+def test_refused_command_of_the_gripper_is_published(rig: Rig) -> None:
+    rig.host.within(rig.vendor.node, rig.vendor.deactivate_gripper)
+    rig.jog({"gripper_joint": 0.4})
+
+    def step() -> bool:
+        rig.publish({"gripper_joint": 0.4})
+        wait_for_nothing(0.02, "the next message of a stream")
+        return "the gripper does not move" in rig.status["jog_refusal"]
+
+    rig.host.until_expired(step, "the refusal")
+    assert "lupin home" in rig.status["jog_refusal"] and rig.status["jogged_by"] == "a pad", "joints can still be jogged"
+    rig.publish()
+    rig.host.until(lambda: not rig.status["jog_refusal"], what="the end of the refusal")
+
+
 @pytest.mark.parametrize(
     ("names", "rates"), [(["elbow_joint"], []), (["tail"], [1.0]), (["elbow_joint"] * 2, [1.0] * 2), (["elbow_joint"], [1e999])]
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from lupin_runtime.arm.idle_watch import IDLE_S, SILENT_S, IdleWatch
+from lupin_runtime.arm.idle_watch import IDLE_S, LISTEN_S, SILENT_S, IdleWatch
 
 S = 10**9
 RESTS: dict[str, Any] = {"holder": "", "moving": False, "limp": False}
@@ -25,8 +25,15 @@ def reason_after(watch: IdleWatch, seconds: float, status: dict[str, Any], start
 
 def test_arm_at_rest_is_idle_after_a_while() -> None:
     watch = IdleWatch(0)
+    watch.mission("READY", 0)
     assert reason_after(watch, IDLE_S / 2, RESTS) == "it was in use just now"
     assert reason_after(watch, IDLE_S, RESTS, IDLE_S / 2) == ""
+
+
+def test_arm_is_not_idle_before_a_mission_could_be_heard() -> None:
+    watch = IdleWatch(0)
+    assert reason_after(watch, LISTEN_S - 1.0, RESTS) == "a mission may be in progress whose state has not arrived yet"
+    assert reason_after(watch, 1.0, RESTS, LISTEN_S - 1.0) == ""
 
 
 @pytest.mark.parametrize(

@@ -87,6 +87,71 @@ def test_hold_needs_fresh_feedback() -> None:
         arm.motion.pin()
 
 
+def moving_arm(since_feedback_s: float) -> Arm:
+    """Return an arm on its way, whose feedback is as old as that: this process was held up."""
+    arm = Arm()
+    arm.motion.move((1.2, 0.0, 0.0, 0.0), 3.0)
+    arm.now_ns += S
+    arm.set_pose((0.4, 0.0, 0.0, 0.0))
+    arm.now_ns += int(since_feedback_s * S)
+    return arm
+
+
+@pytest.mark.parametrize("is_press", [True, False], ids=["e-stop", "stop"])
+def test_moving_arm_is_held_where_it_is_not_where_it_was(is_press: bool) -> None:
+    arm = moving_arm(0.45)
+    if is_press:
+        arm.motion.set_estop(True)
+    else:
+        arm.motion.stop(0.3)
+    assert len(arm.sent) == 1
+    arm.set_pose((0.58, 0.0, 0.0, 0.0))
+    arm.motion.set_estop(is_press)  # repeated, as it is five times a second
+    assert arm.last.arm == (0.58, 0.0, 0.0, 0.0)
+    arm.motion.set_estop(is_press)
+    assert len(arm.sent) == 2
+
+
+@pytest.mark.parametrize("is_press", [True, False], ids=["e-stop", "stop"])
+def test_last_feedback_must_do_if_no_other_comes(is_press: bool) -> None:
+    arm = moving_arm(0.2)
+    if is_press:
+        arm.motion.set_estop(True)
+    else:
+        arm.motion.stop(0.3)
+    arm.now_ns += S // 5
+    arm.motion.set_estop(is_press)
+    assert arm.last.arm == (0.4, 0.0, 0.0, 0.0)
+
+
+def test_stop_after_a_hang_uses_later_feedback() -> None:
+    arm = moving_arm(0.0)
+    arm.motion.stop_soon()
+    assert len(arm.sent) == 1
+    arm.now_ns += S // 5
+    arm.set_pose((0.6, 0.0, 0.0, 0.0))
+    arm.motion.hold_if_due()
+    assert arm.last.arm == (0.6, 0.0, 0.0, 0.0)
+
+
+def test_stop_that_waits_gives_way_to_a_later_command() -> None:
+    arm = moving_arm(0.45)
+    arm.motion.stop(0.3)
+    arm.motion.move((0.9, 0.0, 0.0, 0.0), 3.0)
+    arm.set_pose((0.6, 0.0, 0.0, 0.0))
+    arm.motion.set_estop(False)
+    assert arm.last.arm == (0.9, 0.0, 0.0, 0.0)
+
+
+def test_limp_arm_is_not_held() -> None:
+    arm = moving_arm(0.45)
+    arm.motion.torque = False
+    arm.motion.stop(0.3)
+    arm.set_pose((0.6, 0.0, 0.0, 0.0))
+    arm.motion.set_estop(False)
+    assert len(arm.sent) == 1
+
+
 def test_single_joint_is_refused_until_the_pose_is_known() -> None:
     arm = Arm()
     with pytest.raises(Refused, match="pose is not known"):

@@ -167,6 +167,6 @@ def test_loss_of_the_last_connection_is_told_from_giving_up(authority: Authority
     authority.give_up(BEN, 4)
     authority.give_up(ANNE, 5)
     assert log[1] == "anne left, so nobody has control"
-    assert log[-2:] == ["ben asks for control no more", "anne gave up control"]
+    assert log[-2:] == ["ben no longer asks for control", "anne gave up control"]
     authority.give_up(ANNE, 6, left=True)
     assert len(log) == 6, "it had none"

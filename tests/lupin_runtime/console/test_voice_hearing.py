@@ -43,7 +43,7 @@ def run(test: Callable[[Hearing, FakeListener], None], role: Role = Role.OPERATO
 
     async def main() -> None:
         session = Session("phone-1", role)
-        test(Hearing(session, cast(VoiceListener, listener), lambda: None, lambda _: None, lambda *_: None), listener)
+        test(Hearing(session, cast(VoiceListener, listener), lambda: None, lambda *_: None, lambda *_: None), listener)
 
     asyncio.run(main())
     return listener

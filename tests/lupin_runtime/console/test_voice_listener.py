@@ -46,8 +46,8 @@ class User:
         self.states.append(state)
         self.changed.set()
 
-    def stop_heard(self, text: str) -> None:
-        self.heard.append(text)
+    def stop_heard(self, text: str, turn: str) -> None:
+        self.heard.append((text, turn) if turn else text)
         self.changed.set()
 
     def turn_heard(self, identifier: str, text: str) -> None:

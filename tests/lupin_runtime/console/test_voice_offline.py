@@ -156,7 +156,7 @@ def test_sentence_that_comes_late_is_dropped(between: str) -> None:
         if between == "turn":
             talk.begin()
         elif between == "stop":
-            user.stop_heard("stop")
+            user.stop_heard("stop", identifier)
         elif between == "cancel":
             rig.send(cancel=True)
         user.turn_heard("unknown" if between == "other id" else identifier, DRIVE)
@@ -197,10 +197,29 @@ def test_stop_is_engaged_once_by_spotter_and_sentence() -> None:
         talk = Talk(rig)
         user = rig.listen("commands")
         identifier = talk.begin()
-        user.stop_heard("stop")
+        user.stop_heard("stop", identifier)
         talk.end(identifier, "stop")
         await settle()
         assert rig.bridge.log.count(STOPPED) == 1
+
+    run(test)
+
+
+def test_late_stop_of_a_turn_is_not_that_of_the_next() -> None:
+    async def test(rig: Rig) -> None:
+        talk = Talk(rig)
+        user = rig.listen("commands")
+        first, second = talk.begin(), talk.begin()
+        user.stop_heard("stop", first)
+        assert rig.bridge.log.count(STOPPED) == 0
+        await settle()
+        assert rig.bridge.log.count(STOPPED) == 1
+        user.turn_heard(first, "stop")  # the same one, in the whole sentence
+        await settle()
+        assert rig.bridge.log.count(STOPPED) == 1
+        user.turn_heard(second, "stop")
+        await settle()
+        assert rig.bridge.log.count(STOPPED) == 2
 
     run(test)
 
@@ -258,8 +277,7 @@ def test_stop_in_a_turn_ends_that_turn_for_the_listener() -> None:
     async def test(rig: Rig) -> None:
         talk = Talk(rig)
         user = rig.listen("commands")
-        talk.begin()
-        user.stop_heard("stop")
+        user.stop_heard("stop", talk.begin())
         assert rig.listener.sent[-1] == (Kind.BEGIN, b"")
 
     run(test)

@@ -232,7 +232,7 @@ def test_stop_that_was_heard_engages_the_stop_at_once() -> None:
         rig.call("a", "drive", linear_x=0.2, duration_s=2)
         rig.call("b", "set_light", color="red")
         await settle()
-        rig.listen("stops").stop_heard("please stop")
+        rig.listen("stops").stop_heard("please stop", "")
         await settle()
         assert "stop of voice agent of phone-1" in rig.bridge.log and rig.bridge.log[-1] == 0.0
         assert rig.responses()["b"] == {"ok": False, "error": INTERRUPTED}
@@ -245,7 +245,7 @@ def test_stop_that_was_heard_forgets_what_was_read_back() -> None:
     async def test(rig: Rig) -> None:
         rig.call("a", "nav_goto", x=1, y=1)
         await settle()
-        rig.listen("stops").stop_heard("stop")
+        rig.listen("stops").stop_heard("stop", "")
         rig.send(turn={"id": "2", "by": "speech"})
         rig.call("b", "nav_goto", x=1, y=1, confirmation=rig.responses()["a"]["confirmation"])
         await settle()
@@ -258,7 +258,7 @@ def test_stop_is_heard_before_the_first_turn_and_when_cut_off() -> None:
     async def test(rig: Rig) -> None:
         for number in range(30):
             rig.call(f"a{number}", "rotate", angle_deg=number)
-        rig.listen("stops").stop_heard("halt")
+        rig.listen("stops").stop_heard("halt", "")
         await settle()
         assert "stop of voice agent of phone-1" in rig.bridge.log
 

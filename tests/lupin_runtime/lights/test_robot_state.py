@@ -11,7 +11,7 @@ import pytest
 from lupin_runtime import home_report
 from lupin_runtime.home_report import HomeReport, read_report, write_report
 from lupin_runtime.lights.mission_watch import MissionWatch
-from lupin_runtime.lights.precedence import Mission
+from lupin_runtime.lights.precedence import Mission, View, choose
 from lupin_runtime.lights.robot_state import Facts, RobotState, judge
 
 HOME = HomeReport(home_report.HOME)
@@ -54,6 +54,13 @@ def test_reason_for_help_is_that_of_auto_home() -> None:
     assert "no controller" in judge(Facts(5.0, 0.1, HomeReport(home_report.FAILED, "no controller"))).reason
 
 
+def test_lost_mission_hides_no_other_reason() -> None:
+    lost = "the laptop fell silent during its mission: the robot stands"
+    failed = HomeReport(home_report.FAILED, "no controller")
+    assert judge(Facts(60.0, 0.1, failed, mission_lost=True)).reason == f"{lost}; the arm is not home: no controller"
+    assert judge(Facts(60.0, 0.1, HOME, mission_lost=True)) == (RobotState.HELP, lost)
+
+
 def test_mission_is_lost_if_its_publisher_stays_and_is_silent() -> None:
     watch = MissionWatch(2.0)
     watch.handle(Mission("EXPLORING"), 0)
@@ -63,6 +70,18 @@ def test_mission_is_lost_if_its_publisher_stays_and_is_silent() -> None:
     assert watch.lost
     watch.handle(Mission("EXPLORING"), 61 * S)
     assert not watch.lost
+
+
+@pytest.mark.parametrize("mission", [Mission("FAULT"), Mission("EXPLORING", estop=True)])
+def test_robot_forgets_a_stop_of_a_silent_laptop(mission: Mission) -> None:
+    watch, other = MissionWatch(2.0, forgets=True), MissionWatch(2.0)
+    for each in (watch, other):
+        each.handle(mission, 0)
+        assert choose(View(each.view(1 * S, 1)))[0] == "e-stop or fault"
+    silent = watch.view(3 * S, 1)
+    assert choose(View(silent))[0] == "ready" and choose(View(silent, driving=True))[0] == "driving"
+    assert choose(View(silent, estop=True))[0] == "e-stop or fault", "the robot's own"
+    assert choose(View(other.view(3 * S, 1)))[0] == "e-stop or fault"
 
 
 @pytest.mark.parametrize(("lifecycle", "publishers"), [("EXPLORING", 0), ("READY", 1), ("DONE", 1), ("BOOT", 1)])

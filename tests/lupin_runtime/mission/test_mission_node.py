@@ -86,8 +86,7 @@ class FakeGraph:
 
     def hang_navigation(self) -> None:
         """Stop answering but stay discovered, as a killed process does for the 20 s of its DDS lease."""
-        entry = next(entry for entry in self.host._running if entry[0] is self.navigation)
-        entry[3].set_result(None)
+        self.host.suspend(self.navigation)
         self.active = 0
 
     def _on_goal(self, _goal: Any) -> Any:

@@ -170,6 +170,24 @@ def test_robot_continues_when_the_lidar_recovers() -> None:
     assert_arrived(drive, goal)
 
 
+def test_robot_soon_drives_as_fast_as_before_an_outage() -> None:
+    drive = Drive(Arena(9.0, 3.0), Pose2(0.6, 1.5, 0.0))
+    drive.executive.start([Pose2(8.4, 1.5, 0.0)], drive.now_s)
+    for _ in range(100):
+        drive.step()
+    drive.scan_every = 10_000  # no scan arrives any more
+    for _ in range(100):
+        drive.lidar_fault = "no scan" if drive.now_s - drive.last_scan_s > 1.0 else None
+        drive.step()
+    assert set(drive.commands[-70:]) == {ZERO}
+    drive.lidar_fault, drive.scan_every = None, 4
+    for _ in range(100):
+        drive.step()
+    speeds = [math.hypot(vx, vy) for vx, vy, _ in drive.commands]
+    assert max(speeds[-10:]) > 0.9 * max(speeds[50:100])
+    assert max(speeds[210:220]) < 0.75 * max(speeds[50:100]), "slower at first: the link may be lost again"
+
+
 def test_engaged_estop_fails_goal_and_release_moves_nothing() -> None:
     drive = Drive(Arena(6.0, 3.0), Pose2(0.6, 1.5, 0.0))
     goal = Pose2(5.0, 1.5, 0.0)

@@ -132,6 +132,10 @@ def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monk
     monkeypatch.setattr(module, "RESUBSCRIBE_AFTER_S", 0.2)
     monkeypatch.setattr("rclpy.init", lambda **_: None)  # the test's context is initialized already
     monitor, condition, created = module.GraphMonitor(rated=()), TopicSample(graph.ESTOP_STATE), []
+
+    def estop_subscriptions() -> list[object]:
+        return [each for each in monitor.node.subscriptions if each.topic_name == graph.ESTOP_STATE.name]
+
     make_probe = monitor._make_probe
     monkeypatch.setattr(monitor, "_make_probe", lambda needed: created.append(needed) or make_probe(needed))  # type: ignore[func-returns-value]
     deadline = time.monotonic() + TIMEOUT_S
@@ -139,6 +143,7 @@ def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monk
         assert not monitor.satisfied(condition)
         monitor.spin(0.05)
     assert created == [condition] * 3
+    assert len(estop_subscriptions()) == module.MAX_SUBSCRIPTIONS, "a first sample may be under way to an earlier one"
     monkeypatch.setattr(module, "RESUBSCRIBE_AFTER_S", TIMEOUT_S)
     node = LupinNode("speaker")
     publisher = node.publisher(graph.ESTOP_STATE)
@@ -148,6 +153,7 @@ def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monk
     while not monitor.satisfied(condition):
         assert time.monotonic() < deadline + TIMEOUT_S
         monitor.spin(0.05)
+    assert estop_subscriptions() == []
     monitor._executor.shutdown(timeout_sec=1.0)
     monitor.node.destroy_node()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import subprocess
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_sim.host.operator import environment_without_ros
+from tests.support.true_path import Sample, moved_m, parse_path
 from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 pytestmark = [pytest.mark.host, pytest.mark.mission]
 
 TRUTH = "/home/mirte/truth"
-# As a deploy sets it: else the robot's publishers, including the simulator's, stall while the laptop is unreachable.
-WAITING_BYTES = 65536
 
 # Sends a goal on the map and prints its result.
 CLIENT = """
@@ -84,15 +82,8 @@ class Laptop:
         return {name: value for name, value in pairs if name not in self.environment}
 
 
-def truth(host: Host) -> list[tuple[float, float, float]]:
-    """Return the robot's true path: seconds, x, y, ten times a second."""
-    text = host.robot.run_as_root("cat", f"{TRUTH}/truth_trajectory.tum").stdout
-    rows = [line.split() for line in text.splitlines() if not line.startswith("#")]
-    return [(float(row[0]), float(row[1]), float(row[2])) for row in rows if len(row) == 8]
-
-
-def moved_m(track: list[tuple[float, float, float]]) -> float:
-    return sum(math.hypot(b[1] - a[1], b[2] - a[2]) for a, b in itertools.pairwise(track))
+def truth(host: Host) -> list[Sample]:
+    return parse_path(host.robot.run_as_root("cat", f"{TRUTH}/truth_trajectory.tum").stdout)
 
 
 @pytest.fixture
@@ -100,7 +91,6 @@ def laptop(lupin_host: Host, tmp_path: Path) -> Laptop:
     run_as_root = lupin_host.robot.run_as_root
     arguments = f"--wall-clock --no-cameras --world walled --run-dir {TRUTH}"
     script = f"""install -d -o mirte {TRUTH}; sed -i "s|^ROBOT_ARGUMENTS=.*|ROBOT_ARGUMENTS='{arguments}'|" /etc/mirte/robot
-for each in /proc/sys/net/ipv4/neigh/*/unres_qlen_bytes; do echo {WAITING_BYTES} > $each; done
 systemctl restart mirte-ros
 systemctl stop lupin-onboard"""  # which starts with the vendor's software
     done = run_as_root("sh", "-ec", script, timeout_s=60.0)

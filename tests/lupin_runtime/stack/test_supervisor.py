@@ -143,6 +143,25 @@ def test_run_continues_without_an_optional_process(supervise: Any) -> None:
     assert "console" not in supervisor.liveness.motion_block_reasons()
 
 
+def test_optional_process_is_started_again_after_it_was_given_up(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = (row("joystick", "raise SystemExit(7)", optional=True), row("drive", STAY))
+    monkeypatch.setattr(module, "rows", lambda _: table)
+    monkeypatch.setattr(module, "RESTARTS_WITHIN_S", 0.5)
+    supervisor = Supervisor(Options(run_path=run.path), run, dict(os.environ), FakeMonitor(), retry_optional_s=1.0)
+    try:
+        stage = supervisor.stage("joystick")
+        assert stage is not None
+        until(supervisor, lambda: stage.phase is Phase.FAILED)
+        assert "it is started again in 1 s" in stage.why
+        given_up, failed_s = stage.restart_count, time.monotonic()
+        until(supervisor, lambda: stage.restart_count > given_up)
+        assert time.monotonic() - failed_s >= 0.9
+        until(supervisor, lambda: stage.phase is Phase.FAILED)
+        assert not any(death.ends_run for death in supervisor.deaths)
+    finally:
+        supervisor.stop()
+
+
 def test_death_of_the_simulator_stops_the_run(supervise: Any) -> None:
     supervisor = supervise(FakeMonitor(), row("sim", STAY, on_death="run"))
     stage = supervisor.stage("sim")

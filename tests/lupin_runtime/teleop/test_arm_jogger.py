@@ -101,6 +101,11 @@ def test_no_control_of_the_arm_also_drives(row: object) -> None:
     assert len(set(arm.buttons)) == len(arm.buttons)
 
 
+@pytest.mark.parametrize("value", [5000, -5000, 2**31 - 1, -(2**31)])
+def test_trigger_far_outside_its_range_counts_as_released(value: int) -> None:
+    assert rates_after(rested_state(), axis(ABS_RZ, value, NOW_NS)) == AT_REST
+
+
 def test_left_shoulder_silences_the_arm_until_all_is_released() -> None:
     state, jogger = rested_state(), ArmJogger()
     state.handle(key(BTN_EAST, 1, NOW_NS), NOW_NS)

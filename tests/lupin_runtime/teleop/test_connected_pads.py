@@ -109,6 +109,23 @@ def test_pad_drives_one_robot(rig: Rig, fake_pads: FakePads) -> None:
     other.connected.close()
 
 
+def test_advice_on_the_robot_names_no_command_of_a_laptops_run(rig: Rig, fake_pads: FakePads, tmp_path: Path) -> None:
+    fake_pads.plug("event5", pad_ids.XBOX_USB, "A pad")
+    assert rig.scan() == ["event5"]
+    warnings: list[str] = []
+    other = ConnectedPads(
+        fake_pads.devices, fake_pads.sysfs, maps=tmp_path, inform=warnings.append, warn=warnings.append, on_robot=True
+    )
+    for _ in range(3):
+        other.scan(CONNECTED_NS)
+    path = fake_pads.devices / "event5"
+    assert warnings == [
+        "A pad (USB, event5) is not used: it already drives for another program of the robot; "
+        f"end that, which this names: sudo fuser -v {path}"
+    ]
+    other.close()
+
+
 def test_broken_or_missing_folders_are_no_error(rig: Rig, fake_pads: FakePads, tmp_path: Path) -> None:
     fake_pads.plug("event5", pad_ids.XBOX_USB)
     (fake_pads.sysfs / "event5" / "device" / "id" / "vendor").write_text("none\n")

@@ -38,6 +38,16 @@ def test_held_pad_is_told_again_that_the_bus_is_locked() -> None:
     assert rules.step(True, 3 * REPEAT_NS) is None
 
 
+def test_pad_that_moves_the_arm_is_told_again_of_a_refusal() -> None:
+    rules = AlertRules()
+    rules.handle_arm("the gripper does not move: its command was refused")
+    assert rules.step(False, 0) is None
+    told = [rules.step(False, at_ns, jogging=True) for at_ns in range(0, 2 * REPEAT_NS, REPEAT_NS // 2)]
+    assert told == [Alert.REFUSED, None] * 2
+    rules.handle_arm("")
+    assert rules.step(False, 3 * REPEAT_NS, jogging=True) is None
+
+
 def test_silent_drive_bus_is_told_once() -> None:
     rules = AlertRules()
     assert rules.step(True, 10 * LOST_NS) is None

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 import queue
+import threading
 from typing import Any
 
 import pytest
@@ -17,7 +19,9 @@ from lupin_runtime.voice.listener_protocol import Kind, MalformedMessage, encode
 from lupin_runtime.voice.recognizer import MISSING_PACKAGES
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.speech import SpeechUnavailable
+from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS
 from tests.support.fake_listener import SILENCE, LoudnessRecognizer, sound_of
+from tests.support.waiting import wait_until
 
 TIMEOUT_S = 20.0
 PAUSE = 20  # frames that end an utterance
@@ -26,9 +30,9 @@ PAUSE = 20  # frames that end an utterance
 class Rig:
     """A listener, and the events that it has sent."""
 
-    def __init__(self) -> None:
+    def __init__(self, recognizer: LoudnessRecognizer | None = None) -> None:
         self.events: queue.Queue[dict[str, Any]] = queue.Queue()
-        self.recognizer = LoudnessRecognizer()
+        self.recognizer = recognizer or LoudnessRecognizer()
         self.listener = Listener(self.recognizer, self.events.put)
 
     def hear(self, frame: bytes, times: int = 1) -> None:
@@ -70,7 +74,7 @@ def test_message_that_is_cut_short_is_the_end() -> None:
 
 def test_stop_is_spotted_while_somebody_still_speaks() -> None:
     rig = Rig()
-    assert rig.say_until_stopped() == {"stop": "stop"}
+    assert rig.say_until_stopped() == {"stop": "stop", "id": ""}
     rig.hear(SILENCE, PAUSE)
     rig.mark(Kind.BEGIN, "1")
     rig.mark(Kind.END, "1")
@@ -80,7 +84,7 @@ def test_stop_is_spotted_while_somebody_still_speaks() -> None:
 def test_stop_is_spotted_within_a_turn() -> None:
     rig = Rig()
     rig.mark(Kind.BEGIN, "1")
-    assert rig.say_until_stopped() == {"stop": "stop"}
+    assert rig.say_until_stopped() == {"stop": "stop", "id": "1"}
     rig.mark(Kind.END, "1")
     assert rig.event() == {"heard": {"id": "1", "text": "stop"}}
 
@@ -89,7 +93,7 @@ def test_stop_that_windows_miss_is_found_at_the_end() -> None:
     rig = Rig()
     rig.hear(sound_of("hold"), 8)
     rig.hear(SILENCE, PAUSE)
-    assert rig.event() == {"stop": "halt"}
+    assert rig.event() == {"stop": "halt", "id": ""}
 
 
 @pytest.mark.parametrize("identifier", ["", "2"])
@@ -98,7 +102,62 @@ def test_stop_in_a_turn_that_is_dropped_is_found(identifier: str) -> None:
     rig.mark(Kind.BEGIN, "1")
     rig.hear(sound_of("hold"), 8)
     rig.mark(Kind.BEGIN, identifier)
-    assert rig.event() == {"stop": "halt"}
+    assert rig.event() == {"stop": "halt", "id": "1"}
+
+
+class LateWindows(LoudnessRecognizer):
+    """Hears each window once the test lets it."""
+
+    def __init__(self) -> None:
+        self.permits = threading.Semaphore(0)
+        self.begun = 0
+
+    def has_begun(self, count: int) -> bool:
+        return self.begun == count
+
+    def transcribe_window(self, sound: bytes) -> str:
+        self.begun += 1
+        assert self.permits.acquire(timeout=TIMEOUT_S)
+        return super().transcribe_window(sound)
+
+
+def test_stop_that_is_spotted_late_belongs_to_its_own_turn() -> None:
+    recognizer = LateWindows()
+    rig = Rig(recognizer)
+    rig.mark(Kind.BEGIN, "1")
+    rig.hear(sound_of("stop"), 8)
+    for number in range(1, AGREEING_WINDOWS):
+        wait_until(functools.partial(recognizer.has_begun, number), "a window")
+        rig.hear(sound_of("stop"), 4)
+        recognizer.permits.release()
+    wait_until(functools.partial(recognizer.has_begun, AGREEING_WINDOWS), "the window that decides")
+    rig.hear(SILENCE, PAUSE)
+    rig.mark(Kind.BEGIN, "2")
+    rig.hear(sound_of("hold"), 8)
+    recognizer.permits.release(100)
+    events = [rig.event(), rig.event()]  # from the spotter, and from the sound of the turn that is dropped
+    assert events == [{"stop": "stop", "id": "1"}] * 2
+    rig.mark(Kind.END, "2")
+    assert rig.event() == {"heard": {"id": "2", "text": "halt"}}
+
+
+def test_late_stop_hides_no_stop_of_the_next_utterance() -> None:
+    rig = Rig()
+    rig.hear(sound_of("what is the battery"), 8)
+    rig.hear(SILENCE, PAUSE)
+    rig.hear(sound_of("hold"), 8)
+    rig.listener._stop("stop", 1)  # as from the spotter's thread, of the first utterance
+    rig.hear(SILENCE, PAUSE)
+    assert rig.event() == {"stop": "stop", "id": ""}
+    assert rig.event() == {"stop": "halt", "id": ""}
+
+
+def test_stop_in_an_utterance_of_two_turns_is_of_none() -> None:
+    rig = Rig()
+    rig.mark(Kind.BEGIN, "1")
+    rig.hear(sound_of("what is the battery"), 8)
+    rig.mark(Kind.BEGIN, "2")
+    assert rig.say_until_stopped()["id"] == ""
 
 
 def test_speech_outside_turns_is_no_sentence() -> None:

@@ -5,13 +5,18 @@ The sounds are espeak-ng's, with noise, as `bench_voice` makes them. Freely writ
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import random
 import sys
 import types
+import weakref
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lupin_runtime.voice.endpointer import SAMPLE_RATE_HZ
 from lupin_runtime.voice.grammar import has_stop_word, parse
@@ -23,6 +28,7 @@ from lupin_runtime.voice.recognizer import (
     PART_DOUBT,
     VALUE_MARGIN,
     CommandRecognizer,
+    _unclear,
     choose,
     missing_packages,
 )
@@ -33,6 +39,11 @@ from lupin_runtime.voice.utterance import Call, Question
 from tests.support.spoken_commands import CONTEXT, NAMES
 
 SOUNDS = Path(__file__).parent / "sounds"
+COMMIT = Call("calibrate_arm", {"action": "commit"})
+READINGS = (
+    "Yes.", "No.", "Commit.", "Go home.", "Stop.", "Say hello.", "Save here as", "What is the battery?", "E-stop", "Cancel.",
+    "Gripper 40%.", "", "Start recording", "or",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +99,19 @@ def test_names_count_from_the_next_sentence_on() -> None:
     assert recognizer.transcribe(sound) == before
 
 
+def test_only_the_graph_of_the_present_names_is_kept() -> None:
+    recognizer = CommandRecognizer(threads=1)
+    sound = read_wav_file(SOUNDS / "calibration_status.wav")
+    built = []
+    for number in range(3):
+        recognizer.expect(Names(sequences=(f"water {number}",)))
+        recognizer.transcribe(sound)
+        assert recognizer._graph is not None
+        built.append(weakref.ref(recognizer._graph[1]))
+    gc.collect()
+    assert [each() is None for each in built] == [True, True, False]
+
+
 # -- the choice --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("written", "gains", "chosen"),
@@ -112,14 +136,92 @@ def test_names_count_from_the_next_sentence_on() -> None:
     ],
 )
 def test_sentence_is_chosen_if_it_is_likely_and_clear(written: str, gains: dict[str, float], chosen: str) -> None:
-    assert choose([written, "Bla"], gains, NAMES) == (chosen or written)
+    assert choose({written: 0.0, "Bla": -1.0}, gains, NAMES) == (chosen or written)
 
 
 @pytest.mark.parametrize("written", ["Never go to the sink", "Go to the sink or the door", "We would go to the sink"])
 def test_word_that_was_heard_once_must_not_be_left_out(written: str) -> None:
     doubtful, clear = {"go to the sink": -PART_DOUBT - 0.1}, {"go to the sink": -PART_DOUBT}
-    assert choose(["Now go to the sing", written, "Bla"], doubtful, NAMES) == "Now go to the sing"
-    assert choose(["Now go to the sing", written, "Bla"], clear, NAMES) == "go to the sink"
+    heard = {"Now go to the sing": 0.0, written: -0.1, "Bla": -1.0}
+    assert choose(heard, doubtful, NAMES) == "Now go to the sing"
+    assert choose(heard, clear, NAMES) == "go to the sink"
+
+
+def is_asked_again(text: str) -> bool:
+    """Return whether a text does nothing, whatever was read back before."""
+    contexts = (CONTEXT, *(replace(CONTEXT, pending=call) for call in (Call("rotate", {"angle_deg": 9.0}), COMMIT)))
+    return all(isinstance(parse(text, context), Question) for context in contexts)
+
+
+@pytest.mark.parametrize(
+    ("heard", "gains", "chosen"),
+    [
+        # What was written is a command itself: a sentence that means something else must be clearly likelier, or less likely.
+        ({"Go home.": 0.0}, {"open the gripper": MIN_MARGIN + 0.1}, "open the gripper"),
+        ({"Go home.": 0.0}, {"open the gripper": MIN_MARGIN - 0.1}, ""),
+        ({"Go home.": 0.0}, {"open the gripper": 0.1 - MIN_MARGIN}, ""),
+        ({"Go home.": 0.0}, {"open the gripper": -MIN_MARGIN}, "Go home."),
+        ({"Gripper 14%.": 0.0}, {"gripper 40%": 0.1 - VALUE_MARGIN}, ""),
+        ({"Gripper 14%.": 0.0}, {"gripper 40%": -VALUE_MARGIN}, "Gripper 14%."),
+        ({"Gripper 40%.": 0.0}, {"gripper 40%": -0.2, "gripper 14%": -0.4}, "Gripper 40%."),
+        # So must what was written of a slower sound.
+        ({"Gripper 40%.": 0.0, "Gripper 14%.": -0.5}, {"gripper 40%": -0.2}, ""),
+        ({"Gripper 40%.": 0.0, "Gripper 14%.": -VALUE_MARGIN}, {"gripper 40%": -0.2}, "Gripper 40%."),
+        ({"Go home.": 0.0, "No.": -0.1}, {"go home": -0.2}, ""),
+        ({"Go to the sink.": 0.0, "Never go to the sink.": -0.1}, {"go to the sink": -PART_DOUBT - 0.1}, ""),
+        ({"Save here as think.": 0.0}, {"save here as sink": -MAX_DOUBT}, "save here as sink"),  # any text is a new name
+        ({"Save here as sink.": 0.0}, {"go home": 0.0}, ""),
+        # Without a sentence of the grammar.
+        ({"Go home.": 0.0}, {}, "Go home."),
+        ({"Go home.": 0.0, "Open the gripper.": 0.0}, {}, ""),
+        ({"No.": 0.0}, {"go home": -0.2}, ""),
+        ({"No.": 0.0}, {"no": -0.2}, "no"),
+    ],
+)
+def test_two_readings_are_asked_again(heard: dict[str, float], gains: dict[str, float], chosen: str) -> None:
+    text = choose(heard, gains, NAMES)
+    assert text == chosen if chosen else is_asked_again(text)
+
+
+def test_question_shows_both_readings() -> None:
+    assert choose({"Go home.": 0.0}, {"open the gripper": 0.0}, NAMES) == "Go home or open the gripper?"
+
+
+@given(st.lists(st.sampled_from([*READINGS, *(f"{one} {two}" for one in READINGS for two in READINGS)]), min_size=2))
+def test_doubtful_reading_never_does_anything(texts: list[str]) -> None:
+    assert is_asked_again(_unclear(texts, NAMES))
+
+
+@pytest.mark.parametrize(
+    ("texts", "is_yes"),
+    [
+        (["Yes.", "Yes.", "Yes."], True),
+        (["Yes.", "Yeah.", "Go ahead."], True),
+        (["Commit.", "Commit.", "Commit."], True),
+        (["Yes.", "No.", "Yes."], False),
+        (["Yes.", "Yes.", "Yet."], False),
+        (["Yes.", "Yes.", ""], False),
+        (["Yes.", "Stop.", "Yes."], False),
+        (["Yes.", "Commit.", "Commit."], False),
+        (["Commit.", "Commit.", "Comet."], False),
+    ],
+)
+def test_yes_counts_only_if_it_is_heard_each_time(
+    recognizer: CommandRecognizer, monkeypatch: pytest.MonkeyPatch, texts: list[str], is_yes: bool
+) -> None:
+    written = iter(texts)
+    monkeypatch.setattr(Moonshine, "write", lambda *_: Heard(next(written), 0.0))
+    monkeypatch.setattr(Moonshine, "search", lambda *_: pytest.fail("a yes is not searched for"))
+    text = recognizer.transcribe(bytes(SAMPLE_RATE_HZ))
+    assert text == texts[0] if is_yes else is_asked_again(text)
+
+
+def test_command_with_a_stop_in_a_slower_sound_is_asked_again(
+    recognizer: CommandRecognizer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = iter(["Go home.", "Go stop.", "Go home."])
+    monkeypatch.setattr(Moonshine, "write", lambda *_: Heard(next(written), 0.0))
+    assert is_asked_again(recognizer.transcribe(bytes(SAMPLE_RATE_HZ)))
 
 
 @pytest.mark.parametrize(

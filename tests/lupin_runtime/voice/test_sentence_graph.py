@@ -6,6 +6,7 @@ import random
 
 import pytest
 
+from lupin_runtime.voice import sentence_graph
 from lupin_runtime.voice.english import ENGLISH
 from lupin_runtime.voice.grammar import parse
 from lupin_runtime.voice.sentence_graph import SentenceGraph, build_graph
@@ -81,6 +82,13 @@ def test_random_sentences_of_the_graph_are_parsed(graph: SentenceGraph) -> None:
         assert not (isinstance(result, Confirmation) and result.agrees), text
         understood += isinstance(result, Call)
     assert understood > 100
+
+
+def test_graph_keeps_a_bounded_number_of_sets(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sentence_graph, "MAX_KEPT", 10)
+    graph = build_graph(ENGLISH, NAMES, letters)
+    assert all(allows(graph, text) for text in ("Turn left 90 degrees.", "Go 1.5 meters forward.", "Go to the sink, please."))
+    assert max(len(graph._followed), len(graph._allowed)) <= 10
 
 
 def test_of_new_words_only_usual_names_are_allowed(graph: SentenceGraph) -> None:

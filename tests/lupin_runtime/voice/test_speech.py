@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from lupin_runtime.voice import microphone
 from lupin_runtime.voice.endpointer import FRAME_BYTES, SAMPLE_RATE_HZ, rms
 from lupin_runtime.voice.microphone import MISSING_ARECORD, open_microphone
 from lupin_runtime.voice.sounds import BadSound, read_wav, read_wav_file
@@ -99,10 +100,28 @@ def test_empty_sound_has_no_samples() -> None:
 
 
 # -- microphone --------------------------------------------------------------------------------------------------------
-def test_frames_are_read_until_arecord_ends(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_end_of_arecord_is_a_lost_microphone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     install(tmp_path, "arecord", f"head -c {3 * FRAME_BYTES + 10} /dev/zero", monkeypatch)
     with open_microphone() as frames:
-        assert [len(frame) for frame in frames] == [FRAME_BYTES] * 3
+        assert [len(next(frames)) for _ in range(3)] == [FRAME_BYTES] * 3
+        with pytest.raises(SpeechUnavailable, match=r"the microphone is lost: arecord ended with 0; see .* arecord -l"):
+            next(frames)
+
+
+@pytest.mark.parametrize("script", ["exec sleep 60", "head -c 1600 /dev/zero; exec sleep 60"], ids=["never", "no-more"])
+def test_microphone_that_sends_nothing_is_lost(script: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(microphone, "START_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(microphone, "MAX_GAP_S", 0.3)
+    install(tmp_path, "arecord", f"trap '' TERM; {script}", monkeypatch)
+    with open_microphone() as frames, pytest.raises(SpeechUnavailable, match=r"it has sent nothing for 0\.3 s"):
+        list(frames)
+
+
+def test_arecord_that_only_closes_its_output_is_ended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(microphone, "_END_TIMEOUT_S", 0.2)
+    install(tmp_path, "arecord", "exec >&-; exec sleep 60", monkeypatch)
+    with open_microphone() as frames, pytest.raises(SpeechUnavailable, match="the microphone is lost: arecord ended with -9"):
+        next(frames)
 
 
 def test_arecord_ends_with_the_block(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -114,7 +133,7 @@ def test_arecord_ends_with_the_block(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 def test_missing_or_failing_arecord_says_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     install(tmp_path, "arecord", "echo audio open error >&2; exit 1", monkeypatch)
-    with open_microphone() as frames, pytest.raises(SpeechUnavailable, match=r"audio open error; see: arecord -l"):
+    with open_microphone() as frames, pytest.raises(SpeechUnavailable, match=r"audio open error; see .* arecord -l"):
         next(frames)
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
     with pytest.raises(SpeechUnavailable) as raised, open_microphone():

@@ -42,8 +42,13 @@ class Speaker:
     def __init__(self) -> None:
         self.script = Script()
         self.stops: queue.Queue[str] = queue.Queue()
-        self.spotter = StopSpotter(self.script, self.stops.put)
+        self.numbers: list[int] = []  # of the utterances that were stopped
+        self.spotter = StopSpotter(self.script, self._stop)
         self.sound = b""
+
+    def _stop(self, text: str, number: int) -> None:
+        self.numbers.append(number)
+        self.stops.put(text)
 
     def begin(self) -> None:
         self.sound = b"\1" * SECOND
@@ -86,6 +91,33 @@ def test_windows_of_two_utterances_do_not_agree(speaker: Speaker) -> None:
     speaker.begin()
     speaker.say("stop", "stock")
     assert speaker.stops.empty()
+
+
+def test_stop_is_found_when_the_next_utterance_has_begun(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.say(*["stop"] * (AGREEING_WINDOWS - 1))
+    speaker.sound += b"\2" * int(STEP_S * SECOND)
+    speaker.spotter.update(speaker.sound)
+    speaker.script.windows.get(timeout=TIMEOUT_S)  # the last window is being heard
+    speaker.begin()
+    speaker.script.texts.put("stop")
+    assert speaker.stops.get(timeout=TIMEOUT_S) == "stop" and speaker.numbers == [1]
+    speaker.say(*["halt"] * AGREEING_WINDOWS)  # at once: it is not the utterance that was stopped
+    assert speaker.stops.get(timeout=TIMEOUT_S) == "halt" and speaker.numbers == [1, 2]
+
+
+def test_word_is_heard_when_the_next_utterance_has_begun(speaker: Speaker) -> None:
+    speaker.begin()
+    speaker.sound += b"\2" * int(STEP_S * SECOND)
+    speaker.spotter.update(speaker.sound)
+    speaker.script.windows.get(timeout=TIMEOUT_S)  # is being heard
+    speaker.spotter.end_word(speaker.sound)
+    word = speaker.sound
+    speaker.begin()
+    speaker.script.texts.put("old")
+    assert speaker.script.windows.get(timeout=TIMEOUT_S) == word
+    speaker.script.texts.put("halt")
+    assert speaker.stops.get(timeout=TIMEOUT_S) == HALT and speaker.numbers == [1]
 
 
 def test_one_utterance_stops_once_and_the_next_again(speaker: Speaker) -> None:
@@ -136,7 +168,7 @@ def test_only_a_short_sound_before_a_pause_is_a_word(spoken: int, pause: int, as
             words.append(word)
             return False
 
-    endpointer = SpottingEndpointer(Words(), lambda _: None)
+    endpointer = SpottingEndpointer(Words(), lambda *_: None)
     for frame in [b"\0\x20" * (FRAME_BYTES // 2)] * spoken + [bytes(FRAME_BYTES)] * pause:
         endpointer.push(frame)
     wait_until(lambda: len(words) >= asked, "the word")

@@ -11,10 +11,12 @@ import { logs } from "./catalog/logs";
 import { map } from "./catalog/map";
 import { mission } from "./catalog/mission";
 import { palette } from "./catalog/palette";
+import { places } from "./catalog/places";
 import { rewind } from "./catalog/rewind";
 import { runs } from "./catalog/runs";
 import { settings } from "./catalog/settings";
 import { shell } from "./catalog/shell";
+import { stop } from "./catalog/stop";
 import { telemetry } from "./catalog/telemetry";
 import { teleop } from "./catalog/teleop";
 import { voice } from "./catalog/voice";
@@ -28,10 +30,12 @@ const english = {
   ...map.en,
   ...mission.en,
   ...palette.en,
+  ...places.en,
   ...rewind.en,
   ...runs.en,
   ...settings.en,
   ...shell.en,
+  ...stop.en,
   ...telemetry.en,
   ...teleop.en,
   ...voice.en,
@@ -45,10 +49,12 @@ const dutch: Record<TextKey, string> = {
   ...map.nl,
   ...mission.nl,
   ...palette.nl,
+  ...places.nl,
   ...rewind.nl,
   ...runs.nl,
   ...settings.nl,
   ...shell.nl,
+  ...stop.nl,
   ...telemetry.nl,
   ...teleop.nl,
   ...voice.nl,

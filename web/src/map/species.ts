@@ -7,6 +7,7 @@ const SPECIES: Record<string, { color: string; name: TextKey }> = {
   tulip_pink: { color: "#ec6aa6", name: "map_tulip_pink" },
 };
 const OTHER_COLOR = "#9aa0aa";
+export const STEM_COLOR = "#4f9a5e";
 
 export function speciesColor(species: string): string {
   return SPECIES[species]?.color ?? OTHER_COLOR;
@@ -18,4 +19,4 @@ export function speciesName(species: string): TextKey | null {
 }
 
 /** The colors of the states of health on the map: for marks, never for text. */
-export const HEALTH_COLORS = { healthy: "#3ec46d", off_range: "#e0b341", stressed: "#e0b341", critical: "#e23a3a", no_data: "#6b7280" } as const;
+export const HEALTH_COLORS = { healthy: "#3ec46d", off_range: "#e0b341", stressed: "#e0b341", critical: "#e23a3a", no_data: OTHER_COLOR } as const;

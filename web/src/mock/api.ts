@@ -11,6 +11,7 @@ import { plays, report, storedRun, storedRuns } from "./run_data";
 import { type MockRobot, answerService } from "./services";
 import { SERVICES } from "@/generated/graph";
 import { toJson } from "./rosbridge_server";
+import { say } from "./sentences";
 
 const ANSWERS_AFTER_MS = 15;
 const WINDOW = /^\/_api\/runs\/[^/]+\/recording\/window$/;
@@ -103,21 +104,21 @@ export class MockApi {
     "GET /_api/maps": () => this.savedMaps(),
     "POST /_api/maps": ({ name, replace }) => {
       this.authority.take();
-      if (replace !== true && this.robot.maps.has(String(name))) throw new RequestRefused(`there is a map ${String(name)} already; choose another name, or replace it`, 409);
+      if (replace !== true && this.robot.maps.has(String(name))) throw new RequestRefused(say("map_exists", { name: String(name) }), 409);
       answerService(SERVICES.SLAM_SAVE_MAP.name, { name: { data: name } }, this.robot);
       return { saved: name };
     },
     "POST /_api/maps/load": ({ name }) => {
       this.authority.take();
-      if (!this.robot.maps.has(String(name))) throw new RequestRefused(`${String(name)} was not loaded: there is no ${String(name)}.posegraph`, 409);
-      if (this.robot.world.mission.isRunning) throw new RequestRefused(`${String(name)} was not loaded: a mission is running; abort it first, or wait for its end`, 409);
+      if (!this.robot.maps.has(String(name))) throw new RequestRefused(say("map_not_loaded", { name: String(name), problem: say("no_such_map") }), 409);
+      if (this.robot.world.mission.isRunning) throw new RequestRefused(say("map_not_loaded", { name: String(name), problem: say("mission_runs", { state: this.robot.world.mission.state(0).lifecycle_state }) }), 409);
       this.loadedMap = String(name);
       return { loaded: name };
     },
     "POST /_api/maps/delete": ({ name }) => {
       this.authority.take();
-      if (name === this.loadedMap) throw new RequestRefused(`${String(name)} was not deleted: it is the loaded map of this run`, 409);
-      if (!this.robot.maps.delete(String(name))) throw new RequestRefused(`${String(name)} was not deleted: there is no such map`, 409);
+      if (name === this.loadedMap) throw new RequestRefused(say("map_not_deleted", { name: String(name), problem: say("map_is_loaded") }), 409);
+      if (!this.robot.maps.delete(String(name))) throw new RequestRefused(say("map_not_deleted", { name: String(name), problem: say("no_such_map") }), 409);
       return { deleted: name };
     },
     "POST /_api/maps/relocate": ({ pose }) => {
@@ -159,7 +160,7 @@ export class MockApi {
 
   private changeLocation(name: string, at: unknown): unknown {
     this.authority.take();
-    if (name === "" || name.length > 64) throw new RequestRefused("a location's name must have 1 to 64 printable characters", 400);
+    if (name === "" || name.length > 64) throw new RequestRefused(say("bad_location_name"), 400);
     const others = Object.fromEntries(Object.entries(this.locations).filter(([each]) => each !== name));
     const home = { home: { x: 0, y: 0, yaw: 0 } };
     this.locations = { ...home, ...others, ...(at === null ? {} : { [name]: at as MockApi["locations"][string] }) };

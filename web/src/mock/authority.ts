@@ -2,10 +2,11 @@
 import type { ConsoleEvent, Control, Session, StopHold } from "@/api/console_store";
 import { AUTHORITY } from "@/generated/robot";
 import type { MockOptions } from "./options";
+import { say } from "./sentences";
 import type { World } from "./world";
 
 export const OTHER = "phone-2";
-export const BUTTON = "the button is pressed";
+export const BUTTON = say("button_pressed");
 const OWN_NAME = "laptop-1";
 const WATCHING: Session = { name: "tablet-1", role: "viewer" };
 /** How long the other browser takes to hand over. */
@@ -84,7 +85,7 @@ export class MockAuthority {
   /** Every reason for which the robot is stopped, as `/lupin/estop/status` has them. */
   get estopReasons(): string[] {
     const button = this.isButtonPressed ? [BUTTON] : [];
-    return this.holds.length > 0 ? [...button, "a browser of the console holds the stop"] : button;
+    return this.holds.length > 0 ? [...button, say("browser_holds_stop")] : button;
   }
 
   private get isButtonPressed(): boolean {
@@ -105,12 +106,12 @@ export class MockAuthority {
     const { holder, since_s } = this.control;
     if (holder === null || holder === this.own.name) return;
     const seconds = Math.round(Date.now() / 1000 - (since_s ?? 0));
-    throw new RequestRefused(`${holder} has had control for ${seconds} s; ask for it or take it over`);
+    throw new RequestRefused(say("control_held", { name: holder, seconds }));
   }
 
   private requireOperator(): void {
     if (this.own.role !== "operator") {
-      throw new RequestRefused(`${this.own.name} is a viewer; to drive, pair this browser as operator`);
+      throw new RequestRefused(say("is_viewer", { name: this.own.name }));
     }
   }
 
@@ -194,7 +195,7 @@ export class MockAuthority {
 
   private ask(requester: string): void {
     if (this.control.requester !== null && this.control.requester !== requester) {
-      throw new RequestRefused(`${this.control.requester} is already asking for control; ask again later`);
+      throw new RequestRefused(say("other_asks", { name: this.control.requester }));
     }
     this.control = { ...this.control, requester };
     this.askedMs = performance.now();
@@ -218,8 +219,8 @@ export class MockAuthority {
   }
 
   private answer(grant: boolean): void {
-    if (!this.hasControl) throw new RequestRefused(`${this.own.name} does not have control`);
-    if (this.control.requester === null) throw new RequestRefused("nobody is asking for control now");
+    if (!this.hasControl) throw new RequestRefused(say("has_no_control", { name: this.own.name }));
+    if (this.control.requester === null) throw new RequestRefused(say("nobody_asks"));
     this.end(grant, true);
   }
 

@@ -1,11 +1,11 @@
 /** Draws what a mock camera sees: the greenhouse by ray casting, with its tags and flowers. */
+import { speciesColor } from "@/map/species";
 import { TABLE, TABLE_HEIGHT_M, TAGS, TAG_EDGE_M, WALL_HEIGHT_M, castRay } from "./greenhouse";
 import { type Camera, IMAGE, type Pixel, horizon, project, seenFlowers, tagCorners } from "./view";
 import { noise } from "./messages";
 
 const COLUMN_PX = 4;
 const REACH_M = 12;
-const PETALS: Record<string, string> = { tulip_red: "#e23a3a", tulip_white: "#e8e8ee", tulip_pink: "#ec6aa6" };
 /** The white border around a tag, in edges. */
 const PAPER = 1.3;
 const TAG_CELLS = 8;
@@ -126,7 +126,7 @@ function drawFlowers(context: CanvasRenderingContext2D, camera: Camera, depths: 
     context.beginPath();
     context.ellipse(u + sizePx * 0.25, (v + stemV) / 2, sizePx * 0.18, sizePx * 0.6, 0.4, 0, 2 * Math.PI);
     context.fill();
-    context.fillStyle = PETALS[species] ?? "#9aa0aa";
+    context.fillStyle = speciesColor(species);
     context.beginPath();
     context.moveTo(u - sizePx * 0.45, v - sizePx * 0.5);
     context.lineTo(u - sizePx * 0.2, v - sizePx * 0.15);

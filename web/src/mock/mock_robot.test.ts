@@ -39,6 +39,12 @@ beforeEach(() => vi.useFakeTimers());
 afterEach(() => vi.useRealTimers());
 
 describe("the mock robot", () => {
+  it("has the rates of the specification", () => {
+    const rates = { IMU: 50, SCAN: 10, ODOM: 30, JOINT_STATES: 30, BATTERY: 1, MISSION_STATE: 5, OBSERVATIONS: 5, TWIN_STATE: 1, PLAN: 5, MAP: 0.2, ROSOUT: 0.5 };
+    const rateOf = (key: keyof typeof rates) => SAMPLES.find(({ name }) => name === TOPICS[key].name)?.rateHz;
+    expect(Object.fromEntries(Object.keys(rates).map((key) => [key, rateOf(key as keyof typeof rates)]))).toEqual(rates);
+  });
+
   it("samples every topic at its rate", async () => {
     const { link, run } = start("state=mission");
     await run(0.2);

@@ -1,7 +1,7 @@
 /** The mock recording: the last minutes of what the robot published, and windows of it as the console's server sends them. */
+import { encode } from "cbor2";
 import { TOPICS } from "@/generated/graph";
 import { RequestRefused } from "./authority";
-import { encodeCbor } from "./cbor";
 import { header } from "./messages";
 import { SAMPLES, type SampleRow } from "./samples";
 import { SOURCES, jpegOf } from "./video";
@@ -76,11 +76,11 @@ export class MockRecording {
       if (sample.atS < fromS) last.set(sample.topic, sample);
       else within.push(sample);
     }
-    const items: ArrayBuffer[] = [encodeCbor({ start_s: startS, end_s: endS, complete_s: Math.min(toS, endS) })];
+    const items: unknown[] = [{ start_s: startS, end_s: endS, complete_s: Math.min(toS, endS) }];
     for (const { topic, atS, message, camera } of [...last.values(), ...within]) {
-      items.push(encodeCbor([topic, atS, camera === undefined ? message : await image(camera, atS)]));
+      items.push([topic, atS, camera === undefined ? message : await image(camera, atS)]);
     }
-    return new Uint8Array(await new Blob(items).arrayBuffer());
+    return new Uint8Array(await new Blob(items.map((item) => new Uint8Array(encode(item)))).arrayBuffer());
   }
 
   private isDue(name: string, rateHz: number, clockS: number): boolean {

@@ -1,14 +1,15 @@
 /** A rosbridge server in the page: the other end of the client's socket. */
+import { encode } from "cbor2";
 import { ACTIONS, TOPICS } from "@/generated/graph";
 import type { geometry_msgs_Pose, geometry_msgs_Twist } from "@/generated/messages";
 import type { Socket } from "@/ros/rosbridge";
 import { type Pose2, yawOf } from "@/ros/tf";
 import { clampVelocity, isZero } from "@/safety/drive";
-import { encodeCbor } from "./cbor";
 import { emptied, withoutNumbers } from "./faults";
 import { isLost, isSilent, whenLost } from "./link_state";
 import { poseStamped, time } from "./messages";
 import { SAMPLES, type SampleRow, previewPath } from "./samples";
+import { say } from "./sentences";
 import { type MockRobot, answerService, ruleOf } from "./services";
 
 const OPENS_AFTER_MS = 60;
@@ -64,7 +65,7 @@ export class RosbridgeServer {
     if (world.options.state === "boot" && row.name === TOPICS.SCAN.name) return [];
     return row.make(world).map((message) => {
       const msg = faults.has("nan") ? withoutNumbers(message) : faults.has("empty") ? emptied(message) : message;
-      return encodeCbor({ op: "publish", topic: row.name, msg });
+      return new Uint8Array(encode({ op: "publish", topic: row.name, msg })).buffer;
     });
   }
 
@@ -160,7 +161,7 @@ class Client implements Socket {
       return;
     }
     const rule = Object.values(TOPICS).find(({ name }) => name === topic)?.console ?? "";
-    if (rule !== "operator") throw new Error(`publishing on ${topic} is not allowed to clients of the console`);
+    if (rule !== "operator") throw new Error(say("not_allowed", { what: `publishing on ${topic}` }));
     if (topic === TOPICS.CMD_VEL_MANUAL.name) {
       const { linear, angular } = message as unknown as geometry_msgs_Twist;
       const velocity = clampVelocity({ x: linear.x, y: linear.y, yaw: angular.z });
@@ -178,7 +179,7 @@ class Client implements Socket {
   private called(id: string, service: string, request: Frame): void {
     try {
       const rule = ruleOf(service);
-      if (rule === "") throw new Error(`calling ${service} is not allowed to clients of the console`);
+      if (rule === "") throw new Error(say("not_allowed", { what: `calling ${service}` }));
       if (rule === "operator") this.server.robot.authority.take();
       this.answer({ op: "service_response", id, service, values: answerService(service, request, this.server.robot), result: true });
     } catch (error) {

@@ -2,7 +2,7 @@
 import { JOINTS, TOPICS } from "@/generated/graph";
 import { BATTERY } from "@/generated/robot";
 import type { MessageTypes, action_msgs_GoalStatus, nav_msgs_OccupancyGrid, sensor_msgs_CameraInfo } from "@/generated/messages";
-import { LIDAR, WHEEL } from "@/generated/robot_model";
+import { LIDAR, WHEEL } from "@/generated/robot";
 import { type Pose2, compose } from "@/ros/tf";
 import { HEIGHT_CELLS, ORIGIN, RESOLUTION_M, TAGS, WIDTH_CELLS, boxOf, castRay, flowersOf, occupancy } from "./greenhouse";
 import { header, noise, pose, poseStamped, quaternion, time, transform } from "./messages";
@@ -23,10 +23,9 @@ export interface SampleRow {
 }
 
 function row<Type extends keyof MessageTypes>(
-  topic: { readonly name: string; readonly type: Type },
-  rateHz: number,
+  topic: { readonly name: string; readonly type: Type; readonly rateHz: number | null },
   make: (world: World) => MessageTypes[Type] | null,
-  latched = false,
+  { rateHz = topic.rateHz ?? 1, latched = false }: { rateHz?: number; latched?: boolean } = {},
 ): SampleRow {
   return {
     name: topic.name,
@@ -48,43 +47,44 @@ const SCAN_REACH_M = 8;
 const GRID = occupancy();
 const GROWS_EVERY_S = 5;
 
+/** At the rates of the graph's table, except where the mock needs others or the table has none. */
 export const SAMPLES: readonly SampleRow[] = [
-  row(TOPICS.IMU, 50, imu),
-  row(TOPICS.SCAN, 10, scan),
-  row(TOPICS.ODOM, 30, odometry),
-  row(TOPICS.ODOM_SIM, 30, odometry),
-  row(TOPICS.JOINT_STATES, 30, jointStates),
-  row(TOPICS.TF, 30, (world) => ({ transforms: transforms(world) })),
-  row(TOPICS.TF_STATIC, 0.2, ({ clockS }) => ({ transforms: [transform(clockS, "base_link", "laser", LASER, LIDAR.at[2])] }), true),
-  row(TOPICS.BATTERY, 1, battery),
-  row(TOPICS.SIM_BATTERY, 1, ({ batteryFraction }) => ({ data: batteryFraction })),
-  row(TOPICS.CLOCK, 10, ({ clockS }) => ({ clock: time(clockS) })),
-  row(TOPICS.ESTOP_STATE, 5, (world) => ({ data: world.isStopped }), true),
-  row(TOPICS.ESTOP_STATUS, 1, (world) => json({ engaged: world.isStopped, reasons: world.stopReasons, warnings: [] }), true),
-  row(TOPICS.ESTOP_MISSED_PRESS, 0.2, () => ({ data: false }), true),
-  row(TOPICS.ESTOP_BUTTON, 10, ({ clockS, options }) => ({ header: header(clockS, ""), value: options.faults.has("button") })),
-  row(TOPICS.CONSOLE_STOP, 2, (world) => json({ server: "mock", engaged: world.isStopped, driving: false, releases: 0 })),
-  row(TOPICS.DRIVE_STATUS, 2, driveStatus, true),
-  row(TOPICS.CMD_VEL_SINK_ROBOT, 20, twist),
-  row(TOPICS.CMD_VEL_SINK_SIM, 20, twist),
-  row(TOPICS.CMD_VEL_NAV, 20, (world) => (world.navigates ? twist(world) : null)),
-  row(TOPICS.MISSION_STATE, 5, missionState, true),
-  row(TOPICS.TWIN_STATE, 1, twinState, true),
-  row(TOPICS.DISCOVERED_TAGS, 2, discoveredTags, true),
-  row(TOPICS.OBSERVATIONS, 5, observation),
-  row(TOPICS.PLAN, 5, plan, true),
-  row(TOPICS.NAVIGATE_STATUS, 2, ({ goals }) => ({ status_list: goals.map(goalStatus) }), true),
-  row(TOPICS.MAP, 0.2, map, true),
-  row(TOPICS.GLOBAL_COSTMAP, 1, ({ clockS }) => grid(clockS, costmap(), WIDTH_CELLS, HEIGHT_CELLS, ORIGIN), true),
-  row(TOPICS.LOCAL_COSTMAP, 2, (world) => localCostmap(world), true),
-  row(TOPICS.AMCL_POSE, 1, ({ clockS, pose: at }) => ({ header: header(clockS, "map"), pose: { pose: pose(at), covariance: covariance() } }), true),
-  row(TOPICS.TAG_DETECTIONS, 10, tagDetections),
-  row(TOPICS.FLOWER_DETECTIONS, 5, flowerDetections),
-  row(TOPICS.BOX_GEOMETRY, 0.5, () => json(boxes()), true),
-  row(TOPICS.ARM_TRAJECTORY, 20, armTrajectory),
-  row(TOPICS.ARM_LIBRARY_STATE, 5, ({ library }) => ({ data: library.state() }), true),
-  row(TOPICS.BODY_IMAGE_ROBOT_INFO, 2, ({ clockS }) => cameraInfo(clockS, "camera_color_optical_frame")),
-  row(TOPICS.GRIPPER_IMAGE_INFO, 2, ({ clockS }) => cameraInfo(clockS, "gripper_camera_optical_frame")),
+  row(TOPICS.IMU, imu),
+  row(TOPICS.SCAN, scan),
+  row(TOPICS.ODOM, odometry, { rateHz: 30 }),
+  row(TOPICS.ODOM_SIM, odometry, { rateHz: 30 }),
+  row(TOPICS.JOINT_STATES, jointStates, { rateHz: 30 }),
+  row(TOPICS.TF, (world) => ({ transforms: transforms(world) }), { rateHz: 30 }),
+  row(TOPICS.TF_STATIC, ({ clockS }) => ({ transforms: [transform(clockS, "base_link", "laser", LASER, LIDAR.at[2])] }), { rateHz: 0.2, latched: true }),
+  row(TOPICS.BATTERY, battery),
+  row(TOPICS.SIM_BATTERY, ({ batteryFraction }) => ({ data: batteryFraction }), { rateHz: 1 }),
+  row(TOPICS.CLOCK, ({ clockS }) => ({ clock: time(clockS) }), { rateHz: 10 }),
+  row(TOPICS.ESTOP_STATE, (world) => ({ data: world.isStopped }), { latched: true }),
+  row(TOPICS.ESTOP_STATUS, (world) => json({ engaged: world.isStopped, reasons: world.stopReasons, warnings: [] }), { latched: true }),
+  row(TOPICS.ESTOP_MISSED_PRESS, () => ({ data: false }), { rateHz: 0.2, latched: true }),
+  row(TOPICS.ESTOP_BUTTON, ({ clockS, options }) => ({ header: header(clockS, ""), value: options.faults.has("button") })),
+  row(TOPICS.CONSOLE_STOP, (world) => json({ server: "mock", engaged: world.isStopped, driving: false, releases: 0 })),
+  row(TOPICS.DRIVE_STATUS, driveStatus, { rateHz: 2, latched: true }),
+  row(TOPICS.CMD_VEL_SINK_ROBOT, twist),
+  row(TOPICS.CMD_VEL_SINK_SIM, twist),
+  row(TOPICS.CMD_VEL_NAV, (world) => (world.navigates ? twist(world) : null)),
+  row(TOPICS.MISSION_STATE, missionState, { latched: true }),
+  row(TOPICS.TWIN_STATE, twinState, { latched: true }),
+  row(TOPICS.DISCOVERED_TAGS, discoveredTags, { latched: true }),
+  row(TOPICS.OBSERVATIONS, observation, { rateHz: 5 }),
+  row(TOPICS.PLAN, plan, { rateHz: 5, latched: true }),
+  row(TOPICS.NAVIGATE_STATUS, ({ goals }) => ({ status_list: goals.map(goalStatus) }), { rateHz: 2, latched: true }),
+  row(TOPICS.MAP, map, { latched: true }),
+  row(TOPICS.GLOBAL_COSTMAP, ({ clockS }) => grid(clockS, costmap(), WIDTH_CELLS, HEIGHT_CELLS, ORIGIN), { latched: true }),
+  row(TOPICS.LOCAL_COSTMAP, (world) => localCostmap(world), { latched: true }),
+  row(TOPICS.AMCL_POSE, ({ clockS, pose: at }) => ({ header: header(clockS, "map"), pose: { pose: pose(at), covariance: covariance() } }), { rateHz: 1, latched: true }),
+  row(TOPICS.TAG_DETECTIONS, tagDetections, { rateHz: 10 }),
+  row(TOPICS.FLOWER_DETECTIONS, flowerDetections, { rateHz: 5 }),
+  row(TOPICS.BOX_GEOMETRY, () => json(boxes()), { rateHz: 0.5, latched: true }),
+  row(TOPICS.ARM_TRAJECTORY, armTrajectory, { rateHz: 20 }),
+  row(TOPICS.ARM_LIBRARY_STATE, ({ library }) => ({ data: library.state() }), { latched: true }),
+  row(TOPICS.BODY_IMAGE_ROBOT_INFO, ({ clockS }) => cameraInfo(clockS, "camera_color_optical_frame"), { rateHz: 2 }),
+  row(TOPICS.GRIPPER_IMAGE_INFO, ({ clockS }) => cameraInfo(clockS, "gripper_camera_optical_frame"), { rateHz: 2 }),
   { name: TOPICS.ROSOUT.name, type: TOPICS.ROSOUT.type, rateHz: 0.5, latched: false, make: logLines },
 ];
 

@@ -8,6 +8,7 @@ import { Refused } from "./arm";
 import { TAGS } from "./greenhouse";
 import { time } from "./messages";
 import { field, tagReading } from "./readings";
+import { say } from "./sentences";
 import type { World } from "./world";
 
 export interface MockRobot {
@@ -51,7 +52,7 @@ function attempt(act: () => string | void): { success: boolean; message: string 
 }
 
 function requireReleased({ world }: MockRobot): void {
-  if (world.isStopped) throw new Refused("the e-stop is engaged");
+  if (world.isStopped) throw new Refused(say("estop_engaged"));
 }
 
 answers(SERVICES.GET_TIME, (_, { world }) => ({ time: time(world.clockS) }));

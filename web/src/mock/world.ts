@@ -1,6 +1,5 @@
 /** The mock robot in its greenhouse: where it is, what moves it, and what it has read. */
-import { OUTER_RADIUS_M } from "@/generated/robot_model";
-import { DRIVE } from "@/generated/robot";
+import { DRIVE, OUTER_RADIUS_M } from "@/generated/robot";
 import { type Pose2, compose, wrapAngle } from "@/ros/tf";
 import type { Velocity } from "@/safety/drive";
 import { MockArm } from "./arm";

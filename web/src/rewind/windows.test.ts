@@ -1,12 +1,9 @@
 // @vitest-environment jsdom
+import { encode } from "cbor2";
 import { describe, expect, it } from "vitest";
-import { encodeCbor } from "@/mock/cbor";
 import { type Answer, LEAD_S, MalformedWindow, WINDOW_S, Windows, parseAnswer } from "./windows";
 
-const bytes = (...items: unknown[]) => {
-  const parts = items.map((item) => [...new Uint8Array(encodeCbor(item))]);
-  return new Uint8Array(parts.flat());
-};
+const bytes = (...items: unknown[]) => new Uint8Array(items.flatMap((item) => [...encode(item)]));
 const HEAD = { start_s: 5, end_s: 95.5, complete_s: 20 };
 
 describe("an answer with a window", () => {

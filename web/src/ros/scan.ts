@@ -1,6 +1,6 @@
 /** A laser scan seen from above: the one projection for the map and the scan around the robot, as lupin_runtime/laser_scan.py does it. */
 import type { sensor_msgs_LaserScan } from "@/generated/messages";
-import { LIDAR } from "@/generated/robot_model";
+import { LIDAR } from "@/generated/robot";
 import { type Pose2, type Transform, planar } from "./tf";
 
 /** The scans of a laser that is tilted by more do not show one level: they are not drawn. */

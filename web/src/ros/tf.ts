@@ -1,6 +1,8 @@
 /** The transforms of the graph, and the chain of them from one frame to another. */
 import type { geometry_msgs_Quaternion as Quaternion, geometry_msgs_Vector3 as Vector, tf2_msgs_TFMessage } from "@/generated/messages";
 
+export type { Quaternion, Vector };
+
 export const MAX_HOPS = 32;
 export const MOVED_M = 0.005;
 export const MOVED_RAD = 0.005;
@@ -22,7 +24,7 @@ interface Edge extends Transform {
   parent: string;
 }
 
-const IDENTITY: Transform = { translation: { x: 0, y: 0, z: 0 }, rotation: { x: 0, y: 0, z: 0, w: 1 } };
+export const IDENTITY: Transform = { translation: { x: 0, y: 0, z: 0 }, rotation: { x: 0, y: 0, z: 0, w: 1 } };
 
 export function wrapAngle(angle: number): number {
   return Math.atan2(Math.sin(angle), Math.cos(angle));
@@ -52,11 +54,20 @@ function multiply(a: Quaternion, b: Quaternion): Quaternion {
   };
 }
 
-function chain(outer: Transform, inner: Transform): Transform {
-  const q = outer.rotation;
-  const turned = multiply(multiply(q, { ...inner.translation, w: 0 }), { x: -q.x, y: -q.y, z: -q.z, w: q.w });
-  const { x, y, z } = outer.translation;
-  return { translation: { x: x + turned.x, y: y + turned.y, z: z + turned.z }, rotation: multiply(q, inner.rotation) };
+/** A vector turned by a rotation: v + 2w(q x v) + 2q x (q x v). */
+export function rotate({ x: qx, y: qy, z: qz, w }: Quaternion, { x, y, z }: Vector): Vector {
+  const [tx, ty, tz] = [2 * (qy * z - qz * y), 2 * (qz * x - qx * z), 2 * (qx * y - qy * x)];
+  return { x: x + w * tx + qy * tz - qz * ty, y: y + w * ty + qz * tx - qx * tz, z: z + w * tz + qx * ty - qy * tx };
+}
+
+/** A point of a frame in the frame's parent. */
+export function transformPoint({ translation, rotation }: Transform, point: Vector): Vector {
+  const { x, y, z } = rotate(rotation, point);
+  return { x: translation.x + x, y: translation.y + y, z: translation.z + z };
+}
+
+export function chain(outer: Transform, inner: Transform): Transform {
+  return { translation: transformPoint(outer, inner.translation), rotation: multiply(outer.rotation, inner.rotation) };
 }
 
 /** A transform as seen from above. */

@@ -33,6 +33,11 @@ export function cssColor(token: string, scheme: Scheme = pageScheme()): string {
   return color;
 }
 
+/** A color as `cssColor` gives it, with an opacity. */
+export function fade(color: string, opacity: number): string {
+  return `rgb(${(color.match(/[\d.]+/g) ?? []).slice(0, 3).join(" ")} / ${opacity})`;
+}
+
 function pageScheme(): Scheme {
   return document.documentElement.classList.contains("light") ? "light" : "dark";
 }

@@ -1,7 +1,7 @@
 import { useEffect, useEffectEvent, useRef } from "react";
 import { TOPICS } from "@/generated/graph";
 import type { sensor_msgs_LaserScan } from "@/generated/messages";
-import { OUTER_RADIUS_M } from "@/generated/robot_model";
+import { CHASSIS, OUTER_RADIUS_M } from "@/generated/robot";
 import { useSamples } from "@/hooks/use_topic";
 import { MODEL_MOUNT, type Mount, echoesOf, mountOf } from "@/ros/scan";
 import { TransformTree } from "@/ros/tf";
@@ -87,7 +87,7 @@ function drawScan(canvas: HTMLCanvasElement, points: readonly Echo[], rangeM: nu
   context.fillStyle = cssColor("--color-sensed");
   for (const { x, y } of points) context.fillRect(toX(y) - 1.5, toY(x) - 1.5, 3, 3);
   context.fillStyle = cssColor("--color-text");
-  context.fillRect(toX(0.095), toY(0.14), 0.19 * scale, 0.28 * scale);
+  context.fillRect(toX(CHASSIS.halfWidthM), toY(CHASSIS.halfLengthM), 2 * CHASSIS.halfWidthM * scale, 2 * CHASSIS.halfLengthM * scale);
   context.fillStyle = cssColor("--color-alive");
   context.beginPath();
   context.moveTo(width / 2, toY(0.32));

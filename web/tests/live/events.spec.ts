@@ -49,7 +49,7 @@ test("every loss of control is said to who lost it, and is on record with every 
   await staysAtRest(ada);
 
   const expected = [
-    `${bobName} asked for control, ${adaName} did not answer`,
+    `${bobName} asked for control; ${adaName} did not answer`,
     `${bobName} took control over from ${adaName}`,
     `${bobName} stopped answering: the robot was stopped`,
     `${bobName} stopped answering and lost control`,

@@ -41,7 +41,7 @@ test("a page knows its own stop after the server came back, and after it was rel
   await expect(banner).toContainText("Stopped by you");
   await expect(banner).not.toContainText("browser of the console");
   // In all that time it never seemed to be released.
-  expect(await said("sentence")).toEqual(["Stopped", "Link lost", "Not known whether the robot is stopped", "Stopped"]);
+  expect(await said("sentence")).toEqual(["Stopped", "Link lost", "Unknown whether the robot is stopped", "Stopped"]);
   expect(await said("release")).toEqual(["Hold to release", "", "Hold to release"]);
   await page.reload();
   await untilLive(page);

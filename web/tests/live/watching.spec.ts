@@ -114,7 +114,7 @@ test("what the page says of a goal is what the robot does", async ({ browser }) 
   await hold(ada, "release");
   await staysAtRest(ada);
   for (const page of [ada, bob]) await expect(sentence(page)).not.toContainText("goal");
-  await expect(canDrive).toContainText("the robot stands within 0.5 s");
+  await expect(canDrive).toContainText("the robot stops within 0.5 s");
   expect(errors.flat()).toEqual([]);
   await ada.context().close();
   await bob.context().close();

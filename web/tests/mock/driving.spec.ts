@@ -140,7 +140,7 @@ test("what ends or replaces a running mission is held or confirmed, and is not o
   const sentence = page.getByTestId("sentence");
   const dock = page.getByRole("button", { name: "Hold to stop inspecting and dock" });
   const skip = page.getByRole("button", { name: /^Hold to skip tag/ });
-  await expect(dock).toHaveAttribute("title", /Breaks off what the mission does/);
+  await expect(dock).toHaveAttribute("title", /Interrupts the mission/);
   const before = await skip.textContent();
   await dock.click();
   await skip.click();

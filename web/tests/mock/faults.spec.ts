@@ -43,6 +43,6 @@ test("forbidden storage does not keep the page from working", async ({ page }) =
 test("a robot that is lost on its map is named, and what helps", async ({ page }) => {
   const errors = await openMock(page, "map", "state=mission&fault=astray");
   await expect(page.getByTestId("sentence")).toHaveText("Lost on the map, waiting");
-  await expect(page.getByText("Correcting its position helps")).toBeVisible();
+  await expect(page.getByText("Help it by correcting its position")).toBeVisible();
   expect(errors).toEqual([]);
 });

@@ -7,7 +7,7 @@ test("a goal that navigation drives to is not called standing still", async ({ p
   const canDrive = page.getByRole("button", { name: "Can I drive?" });
   await hold(page, "release");
   await expect(sentence).toHaveText("Ready for a mission");
-  await expect(canDrive).toContainText("the robot stands within 0.5 s");
+  await expect(canDrive).toContainText("the robot stops within 0.5 s");
   const surface = page.locator("[aria-describedby=map-keys]");
   await surface.focus();
   await page.keyboard.press("g");
@@ -17,7 +17,7 @@ test("a goal that navigation drives to is not called standing still", async ({ p
   await expect(sentence).toHaveText("Driving to a goal");
   await expect(canDrive).toContainText("let go and it drives on to its goal");
   await expect(sentence).toHaveText("Ready for a mission", { timeout: 20_000 });
-  await expect(canDrive).toContainText("the robot stands within 0.5 s");
+  await expect(canDrive).toContainText("the robot stops within 0.5 s");
 });
 
 test("a lost link is dim everywhere, and its age only grows", async ({ page }) => {

@@ -60,7 +60,7 @@ test("the robot is relocated by a drawn pose", async ({ page }) => {
   await page.getByRole("tabpanel", { name: "Places" }).getByRole("button", { name: "Correct the position" }).click();
   await drawPose(page);
   await page.getByRole("button", { name: "It is here" }).click();
-  await expect(page.getByText("The robot was told where it is")).toBeVisible();
+  await expect(page.getByText("The robot's position was corrected")).toBeVisible();
   expect(errors).toEqual([]);
 });
 

@@ -11,5 +11,5 @@ test("what is out of date is not shown as of now", async ({ page }) => {
   await expect(page.getByTestId("battery-age")).toContainText("ago");
   await page.keyboard.press("Control+k");
   await page.keyboard.type("mission");
-  await expect(page.getByText("No command of this name")).toBeVisible();
+  await expect(page.getByText("No command with this name")).toBeVisible();
 });

@@ -72,7 +72,7 @@ const nl: Record<keyof typeof en, string> = {
   doctor_fix_unsafe: "Deze oplossing onderbreekt wat op de robot draait.",
   doctor_fix_safe: "Deze oplossing stopt niets dat werkt en verliest geen gegevens.",
   doctor_would_change: "Ze zou {count} van {total} {total|stap|stappen} veranderen",
-  doctor_would_not_change: "Ze zou niets veranderen: de fout is misschien al weg",
+  doctor_would_not_change: "Ze zou niets veranderen: de fout is misschien al verholpen",
   doctor_changed: "Klaar: {count} van {total} {total|stap|stappen} {count|veranderde|veranderden} iets. Onderzoekt opnieuw.",
   doctor_play_failed: "{playbook} {state}: {message}",
   doctor_next: "Hierna: {command}",

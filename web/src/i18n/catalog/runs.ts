@@ -32,7 +32,7 @@ const en = {
   runs_resume: "To resume:",
   runs_failed: "This could not be read: {reason}",
   share_title: "Open on another device",
-  share_scan: "Scan this with the other device. The code in it pairs one browser, and a new one appears once it was used.",
+  share_scan: "Scan this with the other device. The code in it pairs one browser; a new one appears once it has been used.",
   share_ask_code: "Scan this with the other device. It asks for the code that lupin console code shows on the console's computer.",
   share_elsewhere: "Other addresses of this console",
   share_role: "What the other device may do",

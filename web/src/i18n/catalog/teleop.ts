@@ -1,6 +1,6 @@
 const en = {
   speed: "Speed",
-  asked_measured: "asked / measured",
+  asked_measured: "commanded / measured",
   forward: "Forward",
   left: "Left",
   turn: "Turn",
@@ -20,7 +20,7 @@ const en = {
 
 const nl: Record<keyof typeof en, string> = {
   speed: "Snelheid",
-  asked_measured: "gevraagd / gemeten",
+  asked_measured: "opdracht / gemeten",
   forward: "Vooruit",
   left: "Links",
   turn: "Draaien",

@@ -1,6 +1,5 @@
-/** The colors of the map: the page's tokens, and the greenhouse's own. */
-import type { Palette } from "@/map/grid";
-import { ENCLOSED, FLOOR, OUTSIDE, VAGUE, WALLED } from "@/map/grid";
+/** How both views of the map look: the page's tokens, the greenhouse's own colors, and the sizes of what is drawn on the floor. */
+import { type CellKind, ENCLOSED, FLOOR, OUTSIDE, type Palette, VAGUE, WALLED } from "@/map/grid";
 import { cssColor } from "@/widgets/canvas";
 
 export interface Ink {
@@ -17,7 +16,6 @@ export interface Ink {
   panel: string;
   raised: string;
   void: string;
-  line: string;
 }
 
 let ink: Ink | null = null;
@@ -38,9 +36,31 @@ export function inks(): Ink {
     panel: cssColor("--color-panel", "dark"),
     raised: cssColor("--color-raised", "dark"),
     void: cssColor("--color-void", "dark"),
-    line: "rgb(223 245 230 / 0.07)",
   };
   return ink;
+}
+
+/** The ring around the robot, m. */
+export const RING_M = 0.36;
+/** The part of the trail that is drawn strongly, ms. */
+export const FRESH_TRAIL_MS = 45_000;
+/** The floor that the lidar sees is lit this far, m, from this opacity down to none. */
+export const SCAN_LIGHT_M = 3.4;
+export const SCAN_LIGHT_OPACITY = 0.15;
+/** The lines at every meter. */
+export const METERS = { color: "rgb(223, 245, 230)", opacity: 0.07 } as const;
+/** A plan that is not followed. */
+export const OLD_PLAN = "rgb(125, 135, 128)";
+
+/** The robot where its pose is known, where it is stopped, and where it was last. */
+export function robotColor({ isPoseStale, isStopped }: { isPoseStale: boolean; isStopped: boolean }): string {
+  const { text3, stopText, alive } = inks();
+  return isPoseStale ? text3 : isStopped ? stopText : alive;
+}
+
+/** A color of the palette, such as that of the walls. */
+export function cellColor(kind: CellKind): string {
+  return `rgb(${PALETTE[kind].slice(0, 3).join(", ")})`;
 }
 
 /** From above: floor, half-known cells, walls, and the inside of what is enclosed by walls. */

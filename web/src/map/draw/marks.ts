@@ -22,7 +22,7 @@ export function drawHealth(context: CanvasRenderingContext2D, x: number, y: numb
       break;
     case "no_data":
       context.arc(x, y, radius * 0.75, 0, 2 * Math.PI);
-      strokeMark(context, color ?? "#9aa0aa");
+      strokeMark(context, shown);
       return;
   }
   context.fillStyle = shown;

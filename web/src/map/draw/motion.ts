@@ -1,17 +1,15 @@
 /** What moves, drawn from above: scan, trail, plan, robot, and the pose that is being drawn. */
-import { BASE, CHASSIS, type Outline, WHEELS, cornersAt } from "@/map/footprint";
+import { BASE, CHASSIS, type Outline, WHEELS, cornersAt } from "@/robot/footprint";
 import type { LiveMap } from "@/map/live_map";
 import type { Draft, Preview } from "@/map/map_ui";
 import { type TrailPoint, shownPlan } from "@/map/route";
 import { type Point, type Size, type View, toScreen, toScreenAngle } from "@/map/view";
 import { type Pose2, compose } from "@/ros/tf";
-import { inks } from "./ink";
+import { fade } from "@/widgets/canvas";
+import { FRESH_TRAIL_MS, OLD_PLAN, RING_M, SCAN_LIGHT_M, SCAN_LIGHT_OPACITY, inks, robotColor } from "./ink";
 
-/** The part of the trail that is drawn strongly, ms. */
-export const FRESH_TRAIL_MS = 45_000;
 /** The robot's mark is never smaller than this, however far away the view is. */
 const SMALLEST_ROBOT_PX = 15;
-const RING_M = 0.36;
 
 export interface MotionStyle {
   isStopped: boolean;
@@ -88,9 +86,9 @@ function drawScan(pen: Pen, live: LiveMap): void {
     else context.lineTo(x, y);
   }
   context.closePath();
-  const light = context.createRadialGradient(from.x, from.y, 0, from.x, from.y, scale * 3.4);
-  light.addColorStop(0, "rgb(59 214 230 / 0.15)");
-  light.addColorStop(1, "rgb(59 214 230 / 0)");
+  const light = context.createRadialGradient(from.x, from.y, 0, from.x, from.y, scale * SCAN_LIGHT_M);
+  light.addColorStop(0, fade(inks().sensed, SCAN_LIGHT_OPACITY));
+  light.addColorStop(1, fade(inks().sensed, 0));
   context.fillStyle = light;
   context.fill();
   context.fillStyle = inks().sensed;
@@ -112,8 +110,8 @@ function drawTrail(pen: Pen, points: readonly TrailPoint[], style: MotionStyle):
     if (index === 0 || point.begins) context.moveTo(x, y);
     else context.lineTo(x, y);
   });
-  pen.stroke("rgb(200 245 66 / 0.16)", 1.5);
-  const color = style.isStopped ? "141 151 143" : "143 176 47";
+  pen.stroke(fade(inks().alive, 0.16), 1.5);
+  const color = style.isStopped ? OLD_PLAN : inks().aliveDim;
   // Few steps of opacity, each one path: a path per segment would take most of a frame.
   const steps = 6;
   const fresh = points.slice(end);
@@ -129,7 +127,7 @@ function drawTrail(pen: Pen, points: readonly TrailPoint[], style: MotionStyle):
       context.lineTo(to.x, to.y);
     });
     const share = 1 - step / steps;
-    pen.stroke(`rgb(${color} / ${0.15 + 0.65 * share * share})`, 2 + 1.5 * share);
+    pen.stroke(fade(color, 0.15 + 0.65 * share * share), 2 + 1.5 * share);
   }
 }
 
@@ -140,13 +138,13 @@ function drawPlan(pen: Pen, live: LiveMap, style: MotionStyle): void {
   const isOld = !shown.isFollowed || style.isStopped;
   pen.trace(left);
   if (isOld) {
-    pen.stroke("#7d8780", 2, [2, 7]);
+    pen.stroke(OLD_PLAN, 2, [2, 7]);
   } else {
-    pen.stroke("rgb(200 245 66 / 0.2)", 9);
+    pen.stroke(fade(inks().alive, 0.2), 9);
     pen.stroke(inks().alive, 3.5);
   }
   const end = left.at(-1);
-  if (end !== undefined) drawRing(pen, end, 0.2, isOld ? "#aab4ad" : inks().alive, 2, isOld ? [3, 5] : [], isOld ? null : "rgb(200 245 66 / 0.14)");
+  if (end !== undefined) drawRing(pen, end, 0.2, isOld ? inks().text2 : inks().alive, 2, isOld ? [3, 5] : [], isOld ? null : fade(inks().alive, 0.14));
 }
 
 function drawRing(pen: Pen, at: Point, radiusM: number, color: string, width: number, dash: number[], fill: string | null): void {
@@ -159,16 +157,16 @@ function drawRing(pen: Pen, at: Point, radiusM: number, color: string, width: nu
 export function drawRobot(context: CanvasRenderingContext2D, view: View, size: Size, pose: Pose2, style: MotionStyle): void {
   const pen = fromAbove(context, view, size);
   const ink = inks();
-  const color = style.isPoseStale ? ink.text3 : style.isStopped ? ink.stopText : ink.alive;
+  const color = robotColor(style);
   const { x, y } = toScreen(view, size, pose);
   const radius = Math.max(SMALLEST_ROBOT_PX, RING_M * view.scale);
   context.beginPath();
   context.arc(x, y, radius, 0, 2 * Math.PI);
-  context.fillStyle = style.isPoseStale ? "rgb(131 147 138 / 0.12)" : style.isStopped ? "rgb(201 33 29 / 0.25)" : "rgb(200 245 66 / 0.12)";
+  context.fillStyle = style.isStopped && !style.isPoseStale ? fade(ink.stop, 0.25) : fade(color, 0.12);
   context.fill();
   pen.stroke(color, style.isStopped ? 3 : 2, style.isPoseStale ? [4, 4] : []);
 
-  drawOutlines(pen, pose, style.isPoseStale ? ink.text3 : "#e6eee8");
+  drawOutlines(pen, pose, style.isPoseStale ? ink.text3 : ink.text);
   const angle = toScreenAngle(view, pose.yaw);
   context.save();
   context.translate(x, y);
@@ -190,11 +188,11 @@ function drawOutlines(pen: Pen, pose: Pose2, color: string): void {
   for (const wheel of WHEELS) {
     pen.trace(cornersAt(scaled(wheel), pose), true);
     pen.fill("#39453e");
-    pen.stroke("#060a08", 0.75);
+    pen.stroke(inks().void, 0.75);
   }
   pen.trace(cornersAt(scaled(CHASSIS), pose), true);
   pen.fill(color);
-  pen.stroke("#060a08", 1);
+  pen.stroke(inks().void, 1);
   const inner = scaled(CHASSIS);
   const nose = [
     { x: inner.maxX * 0.75, y: 0 },
@@ -222,12 +220,12 @@ export function drawDraft(
   context.lineJoin = "round";
   if (preview !== null && preview.points.length > 1) {
     pen.trace(preview.points);
-    pen.stroke("rgb(6 10 8 / 0.7)", 6);
+    pen.stroke(fade(ink.void, 0.7), 6);
     pen.stroke(color, 3, [1, 7]);
   }
-  drawRing(pen, draft.pose, RING_M, color, 1.5, [4, 4], "rgb(6 10 8 / 0.35)");
+  drawRing(pen, draft.pose, RING_M, color, 1.5, [4, 4], fade(ink.void, 0.35));
   pen.trace(cornersAt(BASE, draft.pose), true);
-  pen.fill("rgb(6 10 8 / 0.55)");
+  pen.fill(fade(ink.void, 0.55));
   pen.stroke(color, 2.5);
   const length = Math.max(38 / scale, 0.6);
   const along = (ahead: number, aside = 0): Point => compose(draft.pose, { x: ahead, y: aside, yaw: 0 });

@@ -1,9 +1,10 @@
 /** What stands still, drawn from above: the floor and its walls, a field, and boxes. */
-import { ENCLOSED, type Grid, fromCells, paint } from "@/map/grid";
+import { ENCLOSED, type Grid, WALLED, fromCells, paint } from "@/map/grid";
 import { paintField } from "@/map/heat";
 import type { LiveMap, ShownGrid } from "@/map/live_map";
 import { type Point, type Size, type View, toScreen, toWorld } from "@/map/view";
-import { PALETTE, inks } from "./ink";
+import { fade } from "@/widgets/canvas";
+import { METERS, PALETTE, cellColor } from "./ink";
 
 /** Draws pixels of the grid that are only made anew when they change. */
 export class SceneDrawing {
@@ -65,7 +66,7 @@ function drawMeters(context: CanvasRenderingContext2D, view: View, size: Size): 
   const [a, b] = [toWorld(view, size, { x: 0, y: 0 }), toWorld(view, size, { x: size.width, y: size.height })];
   const [minX, maxX] = [Math.min(a.x, b.x), Math.max(a.x, b.x)];
   const [minY, maxY] = [Math.min(a.y, b.y), Math.max(a.y, b.y)];
-  context.strokeStyle = inks().line;
+  context.strokeStyle = fade(METERS.color, METERS.opacity);
   context.lineWidth = 1;
   context.beginPath();
   for (let x = Math.ceil(minX / step) * step; x <= maxX; x += step) {
@@ -95,13 +96,12 @@ function drawBoxes(context: CanvasRenderingContext2D, view: View, size: Size, li
     context.fill();
     context.stroke();
   };
-  const [red, green, blue] = PALETTE[ENCLOSED];
-  context.fillStyle = `rgb(${red} ${green} ${blue} / 0.6)`;
-  context.strokeStyle = "rgb(178 210 190 / 0.75)";
+  context.fillStyle = fade(cellColor(ENCLOSED), 0.6);
+  context.strokeStyle = fade(cellColor(WALLED), 0.75);
   context.lineWidth = 1.25;
   for (const box of live.boxes) outline(box.corners, []);
   const measured = new Set(live.boxes.map((box) => box.id));
-  context.strokeStyle = "rgb(178 210 190 / 0.5)";
+  context.strokeStyle = fade(cellColor(WALLED), 0.5);
   for (const tag of live.tags) if (tag.footprint.length >= 3 && !measured.has(tag.id)) outline(tag.footprint, [4, 3]);
   context.setLineDash([]);
 }

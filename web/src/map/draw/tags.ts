@@ -5,6 +5,7 @@ import { writeValue } from "@/map/sensor_text";
 import { speciesColor } from "@/map/species";
 import type { Flower, Tag } from "@/map/twin";
 import type { Point } from "@/map/view";
+import { fade } from "@/widgets/canvas";
 import { bodyFont, inks } from "./ink";
 import { drawAlarm, drawHealth } from "./marks";
 
@@ -41,12 +42,13 @@ function textWidth(context: CanvasRenderingContext2D, text: string): number {
 /** Rings in the color of the species; the dashed one around it means a bug. */
 export function drawFlowers(context: CanvasRenderingContext2D, project: Project, tags: readonly Tag[], scale: number): void {
   const radius = Math.max(3.5, Math.min(11, scale * 0.055));
+  const shade = fade(inks().void, 0.7);
   for (const tag of tags) {
     for (const flower of tag.flowers) {
       const { x, y } = project(flower.x, flower.y, flower.z);
       context.beginPath();
       context.arc(x, y, radius, 0, 2 * Math.PI);
-      context.fillStyle = "rgb(6 10 8 / 0.7)";
+      context.fillStyle = shade;
       context.fill();
       context.lineWidth = radius * 0.62;
       context.strokeStyle = speciesColor(flower.species);
@@ -158,7 +160,7 @@ function drawPill(context: CanvasRenderingContext2D, pill: Pill, place: Rectangl
   const isSelected = tag.id === style.selected;
   const own = style.isStopped ? ink.text2 : ink.alive;
   const middleY = place.y + height / 2;
-  context.strokeStyle = isCurrent ? own : "rgb(235 245 238 / 0.45)";
+  context.strokeStyle = isCurrent ? own : fade(ink.text, 0.45);
   context.lineWidth = isCurrent ? 2 : 1;
   context.beginPath();
   context.moveTo(pill.x, pill.y);
@@ -179,7 +181,7 @@ function drawPill(context: CanvasRenderingContext2D, pill: Pill, place: Rectangl
     context.stroke();
   } else {
     context.lineWidth = isSelected ? 2.5 : 1.25;
-    context.strokeStyle = isCurrent ? own : isSelected ? ink.text : `rgb(235 245 238 / ${isRead ? 0.45 : 0.34})`;
+    context.strokeStyle = isCurrent ? own : isSelected ? ink.text : fade(ink.text, isRead ? 0.45 : 0.34);
     if (!isRead && !isSelected && !isCurrent) context.setLineDash([3, 3]);
     context.stroke();
     context.setLineDash([]);
@@ -207,7 +209,7 @@ function drawValue(context: CanvasRenderingContext2D, tag: Tag, sensor: Sensor, 
   context.textAlign = "center";
   context.lineJoin = "round";
   context.lineWidth = 5;
-  context.strokeStyle = "rgb(6 10 8 / 0.9)";
+  context.strokeStyle = fade(inks().void, 0.9);
   const text = `${writeValue(sensor, value)} ${idealRange(sensor).unit}${arrow}`;
   context.strokeText(text, x, y);
   context.fillStyle = inks().text;

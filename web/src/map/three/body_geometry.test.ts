@@ -1,16 +1,16 @@
 import { BoxGeometry, Color, CylinderGeometry, Group, Mesh, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { BODIES, type Shape } from "@/generated/robot_model";
-import { bodyGeometry, quaternion, vector } from "./body_geometry";
+import { BODIES, type Shape } from "@/robot/model";
+import { bodyGeometry } from "./body_geometry";
 
 /** The corners of one shape, by the objects that place it. */
 function cornersOf(shape: Shape): Vector3[] {
-  const [a = 0, b = 0, c = 0] = shape.size;
-  const mesh = new Mesh(shape.kind === "box" ? new BoxGeometry(2 * a, 2 * b, 2 * c) : new CylinderGeometry(a, a, 2 * b, 20));
+  const { x, y, z } = shape.size;
+  const mesh = new Mesh(shape.kind === "box" ? new BoxGeometry(2 * x, 2 * y, 2 * z) : new CylinderGeometry(x, x, 2 * y, 20));
   if (shape.kind === "cylinder") mesh.rotation.set(Math.PI / 2, 0, 0);
   const place = new Group().add(mesh);
-  place.position.copy(vector(shape.at));
-  place.quaternion.copy(quaternion(shape.turned));
+  place.position.copy(shape.pose.translation);
+  place.quaternion.copy(shape.pose.rotation);
   place.updateMatrixWorld(true);
   const position = mesh.geometry.getAttribute("position");
   return Array.from({ length: position.count }, (_, index) => new Vector3().fromBufferAttribute(position, index).applyMatrix4(mesh.matrixWorld));

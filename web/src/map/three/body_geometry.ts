@@ -1,7 +1,7 @@
 /** A body of the robot as one geometry: its shapes are drawn by one call instead of one each. */
 import { BoxGeometry, BufferAttribute, type BufferGeometry, Color, CylinderGeometry, Matrix4, Quaternion, SRGBColorSpace, Vector3 } from "three";
 import { mergeGeometries } from "three/examples/jsm/utils/BufferGeometryUtils.js";
-import type { Body, Shape } from "@/generated/robot_model";
+import type { Body, Shape } from "@/robot/model";
 
 const ONE = new Vector3(1, 1, 1);
 
@@ -13,23 +13,14 @@ export function bodyGeometry(body: Body): BufferGeometry {
   return merged;
 }
 
-function shapeGeometry(shape: Shape): BufferGeometry {
-  const [a = 0, b = 0, c = 0] = shape.size;
+function shapeGeometry({ kind, size: { x, y, z }, pose, color }: Shape): BufferGeometry {
   // MuJoCo's cylinders stand along z, with half their length; those of three.js along y.
-  const geometry = shape.kind === "box" ? new BoxGeometry(2 * a, 2 * b, 2 * c) : new CylinderGeometry(a, a, 2 * b, 20).rotateX(Math.PI / 2);
-  geometry.applyMatrix4(new Matrix4().compose(vector(shape.at), quaternion(shape.turned), ONE));
+  const geometry = kind === "box" ? new BoxGeometry(2 * x, 2 * y, 2 * z) : new CylinderGeometry(x, x, 2 * y, 20).rotateX(Math.PI / 2);
+  geometry.applyMatrix4(new Matrix4().compose(new Vector3().copy(pose.translation), new Quaternion().copy(pose.rotation), ONE));
   geometry.deleteAttribute("uv");
-  const [red = 0, green = 0, blue = 0] = shape.color;
-  const color = new Color().setRGB(red, green, blue, SRGBColorSpace).toArray();
+  const [red = 0, green = 0, blue = 0] = color;
+  const shown = new Color().setRGB(red, green, blue, SRGBColorSpace).toArray();
   const { count } = geometry.getAttribute("position");
-  geometry.setAttribute("color", new BufferAttribute(Float32Array.from({ length: count * 3 }, (_, index) => color[index % 3] ?? 0), 3));
+  geometry.setAttribute("color", new BufferAttribute(Float32Array.from({ length: count * 3 }, (_, index) => shown[index % 3] ?? 0), 3));
   return geometry;
-}
-
-export function vector([x = 0, y = 0, z = 0]: readonly number[]): Vector3 {
-  return new Vector3(x, y, z);
-}
-
-export function quaternion([x = 0, y = 0, z = 0, w = 1]: readonly number[]): Quaternion {
-  return new Quaternion(x, y, z, w);
 }

@@ -1,7 +1,7 @@
 /** The mapped greenhouse: its floor, its walls as high as they are drawn, and the field of a sensor. */
 import { useEffect, useMemo } from "react";
 import { BufferAttribute, BufferGeometry, CanvasTexture, Color, LinearFilter, NearestFilter, SRGBColorSpace } from "three";
-import { PALETTE } from "@/map/draw/ink";
+import { METERS, PALETTE } from "@/map/draw/ink";
 import { toCanvas } from "@/map/draw/scene";
 import { ENCLOSED, type Grid, OUTSIDE, WALLED, fromCells, paint } from "@/map/grid";
 import { paintField } from "@/map/heat";
@@ -82,7 +82,7 @@ function Meters({ shown }: { shown: ShownGrid }) {
   useEffect(() => () => lines.dispose(), [lines]);
   return (
     <lineSegments geometry={lines} renderOrder={2}>
-      <lineBasicMaterial color="#dff5e6" transparent opacity={0.07} depthWrite={false} />
+      <lineBasicMaterial {...METERS} transparent depthWrite={false} />
     </lineSegments>
   );
 }

@@ -1,8 +1,8 @@
 /** What moves on the floor beside the robot: its plan, its trail, and what the lidar sees. */
 import { useRef } from "react";
-import type { Mesh, MeshBasicMaterial, Points } from "three";
-import { FRESH_TRAIL_MS } from "@/map/draw/motion";
-import { LIDAR } from "@/generated/robot_model";
+import { Color, type Mesh, type MeshBasicMaterial, type Points } from "three";
+import { FRESH_TRAIL_MS, OLD_PLAN, SCAN_LIGHT_M, SCAN_LIGHT_OPACITY } from "@/map/draw/ink";
+import { LIDAR } from "@/generated/robot";
 import { SCAN_STALE_MS, liveMap } from "@/map/live_map";
 import { ribbon } from "@/map/ribbon";
 import { shownPlan } from "@/map/route";
@@ -26,7 +26,7 @@ export function Plan({ isStopped, color }: { isStopped: boolean; color: string }
     if (band.current === null) return;
     const shown = shownPlan(liveMap.plan, liveMap.pose, viewNow());
     setRibbon(band.current, shown?.left ?? [], PLAN_WIDTH_M, 0.012);
-    (band.current.material as MeshBasicMaterial).color.set(isStopped || shown?.isFollowed === false ? "#7d8780" : color);
+    (band.current.material as MeshBasicMaterial).color.set(isStopped || shown?.isFollowed === false ? OLD_PLAN : color);
   });
   return (
     <mesh ref={band} renderOrder={4} frustumCulled={false}>
@@ -70,7 +70,7 @@ export function Scan({ color, isStale }: { color: string; isStale: boolean }) {
       positions.set([scan.echoes[index * 2] ?? 0, scan.echoes[index * 2 + 1] ?? 0, LIDAR.at[2]], index * 3);
     }
     fillGeometry(points.current.geometry, { position: positions });
-    fillGeometry(pool.current.geometry, fanOf(scan.echoes, scan.from));
+    fillGeometry(pool.current.geometry, fanOf(scan.echoes, scan.from, new Color(color)));
   });
   return (
     <>
@@ -86,21 +86,18 @@ export function Scan({ color, isStale }: { color: string; isStale: boolean }) {
   );
 }
 
-const POOL_M = 3.4;
-const POOL_ALPHA = 0.16;
-
 /** Triangles from the lidar to its echoes, the fainter the farther. */
-function fanOf(echoes: Float32Array, from: Point): Content {
+function fanOf(echoes: Float32Array, from: Point, { r, g, b }: Color): Content {
   const count = echoes.length / 2;
   const position = new Float32Array((count + 1) * 3);
   const color = new Float32Array((count + 1) * 4);
   position.set([from.x, from.y, 0.002]);
-  color.set([0.044, 0.672, 0.791, POOL_ALPHA]);
+  color.set([r, g, b, SCAN_LIGHT_OPACITY]);
   for (let index = 0; index < count; index += 1) {
     const [x, y] = [echoes[index * 2] ?? 0, echoes[index * 2 + 1] ?? 0];
     const distance = Math.hypot(x - from.x, y - from.y);
     position.set([x, y, 0.002], (index + 1) * 3);
-    color.set([0.044, 0.672, 0.791, POOL_ALPHA * Math.max(0, 1 - distance / POOL_M)], (index + 1) * 4);
+    color.set([r, g, b, SCAN_LIGHT_OPACITY * Math.max(0, 1 - distance / SCAN_LIGHT_M)], (index + 1) * 4);
   }
   const indices = new Uint32Array(count * 3);
   for (let index = 0; index < count; index += 1) indices.set([0, index + 1, ((index + 1) % count) + 1], index * 3);

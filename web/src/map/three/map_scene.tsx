@@ -3,7 +3,7 @@ import { Canvas, useFrame, useThree } from "@react-three/fiber";
 import { useEffect, useMemo, useRef, useState } from "react";
 import { useNow } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
-import { inks } from "@/map/draw/ink";
+import { inks, robotColor } from "@/map/draw/ink";
 import { Gestures, setsHeading } from "@/map/gestures";
 import { hitLabel } from "@/map/labels";
 import type { Rectangle } from "@/map/labels";
@@ -48,7 +48,6 @@ export default function MapScene({ onView }: { onView: (view: View) => void }) {
 
   const ink = inks();
   const { isStopped, isPoseStale } = presentation;
-  const robotColor = isPoseStale ? ink.text3 : isStopped ? ink.stopText : ink.alive;
   return (
     <div
       ref={surface}
@@ -83,7 +82,7 @@ export default function MapScene({ onView }: { onView: (view: View) => void }) {
         <TrailLine color={ink.aliveDim} />
         <Plan isStopped={isStopped} color={ink.alive} />
         <Scan color={ink.sensed} isStale={isPoseStale} />
-        <Robot color={robotColor} isStopped={isStopped} isStale={isPoseStale} />
+        <Robot color={robotColor(presentation)} isStopped={isStopped} isStale={isPoseStale} />
         <Cost onResolution={setResolution} />
         <Labels overlayRef={overlay} placesRef={places} presentation={presentation} />
       </Canvas>

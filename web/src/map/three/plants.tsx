@@ -1,7 +1,10 @@
 /** Tags as plates, flowers on stems, and the outlines of boxes. */
 import { useEffect, useMemo } from "react";
 import { BufferAttribute, BufferGeometry } from "three";
+import { cellColor } from "@/map/draw/ink";
+import { WALLED } from "@/map/grid";
 import { liveMap } from "@/map/live_map";
+import { STEM_COLOR } from "@/map/species";
 import { Instances } from "./instances";
 import { keepWhileSame } from "./keep_while_same";
 import { outlineSegments, placesOf } from "./plant_places";
@@ -35,14 +38,14 @@ export function Plants() {
       </Instances>
       <Instances places={stems}>
         <cylinderGeometry args={[0.008, 0.008, 1, 5]} />
-        <meshBasicMaterial color="#4f9a5e" />
+        <meshBasicMaterial color={STEM_COLOR} />
       </Instances>
       <Instances places={blooms}>
         <sphereGeometry args={[1, 10, 8]} />
         <meshBasicMaterial />
       </Instances>
       <lineSegments geometry={lines}>
-        <lineBasicMaterial color="#b2d2be" transparent opacity={0.7} />
+        <lineBasicMaterial color={cellColor(WALLED)} transparent opacity={0.7} />
       </lineSegments>
     </>
   );

@@ -1,26 +1,28 @@
 /** The robot in its greenhouse: it stands where the transforms say, with its arm as the joints say. */
 import { useRef } from "react";
-import { DoubleSide, type Group, Vector3 } from "three";
+import { DoubleSide, type Group, type Mesh, Vector3 } from "three";
 import { TOPICS } from "@/generated/graph";
 import { useSamples } from "@/hooks/use_topic";
+import { RING_M } from "@/map/draw/ink";
 import { liveMap } from "@/map/live_map";
 import { useSetting } from "@/state/settings";
-import { RobotModel, poseJoints } from "./robot_model";
+import { RobotModel, poseBodies } from "./robot_model";
 import { useLiveUpdate } from "./use_live";
 
 const JOINTS_THROTTLE_MS = 100;
 const UP = new Vector3(0, 0, 1);
+const INSIDE_M = RING_M - 0.015;
 
 export function Robot({ color, isStopped, isStale }: { color: string; isStopped: boolean; isStale: boolean }) {
   const place = useRef<Group>(null);
-  const joints = useRef(new Map<string, Group>());
+  const meshes = useRef(new Map<string, Mesh>());
   const topic = useSetting("jointStatesTopic");
   useSamples(
     { name: topic, type: TOPICS.JOINT_STATES.type },
     ({ message, receivedMs }) => liveMap.takeJoints(message.name, message.position, receivedMs),
     { throttleMs: JOINTS_THROTTLE_MS },
   );
-  useLiveUpdate(["joints"], () => poseJoints(joints.current, liveMap.joints));
+  useLiveUpdate(["joints"], () => poseBodies(meshes.current, liveMap.joints));
   useLiveUpdate(["motion"], () => {
     const { pose } = liveMap;
     if (place.current === null) return;
@@ -31,13 +33,13 @@ export function Robot({ color, isStopped, isStale }: { color: string; isStopped:
   });
   return (
     <group ref={place} visible={false}>
-      <RobotModel joints={joints} {...(isStale ? { color: "#83938a", opacity: 0.55 } : {})} />
+      <RobotModel meshes={meshes} {...(isStale ? { color, opacity: 0.55 } : {})} />
       <mesh position={[0, 0, 0.006]} renderOrder={6}>
-        <ringGeometry args={[0.345, isStopped ? 0.385 : 0.365, 56]} />
+        <ringGeometry args={[INSIDE_M, RING_M + (isStopped ? 0.025 : 0.005), 56]} />
         <meshBasicMaterial color={color} side={DoubleSide} transparent opacity={isStale ? 0.5 : 1} depthWrite={false} />
       </mesh>
       <mesh position={[0, 0, 0.005]} renderOrder={5}>
-        <circleGeometry args={[0.345, 40]} />
+        <circleGeometry args={[INSIDE_M, 40]} />
         <meshBasicMaterial color={color} transparent opacity={0.12} depthWrite={false} />
       </mesh>
       <mesh position={[0.43, 0, 0.006]} rotation={[0, 0, -Math.PI / 2]} renderOrder={6}>

@@ -1,13 +1,13 @@
 import { act, createRoot, extend } from "@react-three/fiber";
 import type { ReactNode } from "react";
 import * as THREE from "three";
-import { type Group, type InstancedMesh, type LineSegments, Mesh, type Object3D, type WebGLRenderer } from "three";
+import { type InstancedMesh, type LineSegments, Mesh, type Object3D, type WebGLRenderer } from "three";
 import { afterEach, beforeAll, describe, expect, it, vi } from "vitest";
 import { liveMap } from "@/map/live_map";
 import type { Tag } from "@/map/twin";
 import { Plan, Scan, TrailLine } from "./lines";
 import { Plants } from "./plants";
-import { RobotModel } from "./robot_model";
+import { RobotModel, poseBodies } from "./robot_model";
 
 /** Draws nothing: what it is given to draw is looked at instead. */
 function fakeRenderer() {
@@ -54,10 +54,13 @@ afterEach(async () => {
 
 describe("the scene in 3D", () => {
   it("draws each body of the robot by one call", async () => {
-    const joints = { current: new Map<string, Group>() };
-    const { scene } = await show(<RobotModel joints={joints} />);
+    const meshes = { current: new Map<string, Mesh>() };
+    const { scene } = await show(<RobotModel meshes={meshes} />);
     expect(drawsOf(scene)).toHaveLength(7);
-    expect(joints.current.size).toBe(6);
+    expect([...meshes.current.values()].map((mesh) => mesh.uuid)).toEqual(drawsOf(scene).map((mesh) => mesh.uuid));
+    poseBodies(meshes.current, new Map([["shoulder_pan_joint", Math.PI / 2]]));
+    expect(meshes.current.get("wrist")!.position.z).toBeCloseTo(0.4686, 3);
+    expect(meshes.current.get("wrist")!.quaternion.z).toBeCloseTo(Math.SQRT1_2);
   });
 
   it("draws all plants by three calls, however many they become", async () => {

@@ -1,7 +1,8 @@
 /** Draws the arm on a canvas: the measured pose as bodies, the commanded one as a dashed line over it, and labels. */
+import { IDENTITY, type Vector } from "@/ros/tf";
 import { cssColor, fitCanvas } from "@/widgets/canvas";
 import type { Angles, JointName } from "./joints";
-import { type Point, skeleton } from "./kinematics";
+import { armPoses, skeleton } from "./kinematics";
 import { type Camera, type Projected, projection, visibleFaces } from "./scene";
 
 export interface JointLabel {
@@ -25,11 +26,11 @@ export interface Picture {
 interface Screen {
   context: CanvasRenderingContext2D;
   onScreen: (point: Projected) => [x: number, y: number];
-  at: (point: Point) => [x: number, y: number];
+  at: (point: Vector) => [x: number, y: number];
 }
 
 /** The drawing shows the half sphere that the arm can reach, and below it the chassis. */
-const SHOULDER: Point = [0.085, 0, 0.188];
+const SHOULDER = (armPoses({}).get("shoulder_lift") ?? IDENTITY).translation;
 const REACH_M = 0.43;
 const CHASSIS_BELOW_M = 0.22;
 /** Half of the floor's edge; its lines are 0.1 m apart. */
@@ -63,14 +64,14 @@ function drawFloor({ context, at }: Screen, isEdgeOn: boolean): void {
   context.lineWidth = 1;
   context.beginPath();
   if (isEdgeOn) {
-    context.moveTo(...at([-FLOOR_M, 0, 0]));
-    context.lineTo(...at([FLOOR_M, 0, 0]));
+    context.moveTo(...at({ x: -FLOOR_M, y: 0, z: 0 }));
+    context.lineTo(...at({ x: FLOOR_M, y: 0, z: 0 }));
   } else {
     for (let position = -FLOOR_M; position <= FLOOR_M + 1e-6; position += 0.1) {
-      context.moveTo(...at([position, -FLOOR_M, 0]));
-      context.lineTo(...at([position, FLOOR_M, 0]));
-      context.moveTo(...at([-FLOOR_M, position, 0]));
-      context.lineTo(...at([FLOOR_M, position, 0]));
+      context.moveTo(...at({ x: position, y: -FLOOR_M, z: 0 }));
+      context.lineTo(...at({ x: position, y: FLOOR_M, z: 0 }));
+      context.moveTo(...at({ x: -FLOOR_M, y: position, z: 0 }));
+      context.lineTo(...at({ x: FLOOR_M, y: position, z: 0 }));
     }
   }
   context.stroke();
@@ -106,7 +107,7 @@ function chassisColor(light: number): string {
 function drawGhost({ context, at }: Screen, commanded: Angles): void {
   const { chain, fingers } = skeleton(commanded);
   const alive = cssColor("--color-alive");
-  const lines: readonly (readonly Point[])[] = [chain, ...fingers, fingers.map(([from]) => from)];
+  const lines: readonly (readonly Vector[])[] = [chain, ...fingers, fingers.map(([from]) => from)];
   // A dark line below the dashes keeps them visible over the light arm.
   for (const [color, width, dash] of [[cssColor("--color-ground"), 5, []], [alive, 2.5, [7, 6]]] as const) {
     context.strokeStyle = color;
@@ -144,7 +145,7 @@ function drawLabels({ context, at }: Screen, picture: Picture, width: number, he
   const { chain, fingers } = skeleton(picture.measured);
   const [pan, lift, elbow, wrist] = chain;
   const tip = fingers[0]?.[1];
-  const places: Record<JointName, Point | undefined> = {
+  const places: Record<JointName, Vector | undefined> = {
     shoulder_pan_joint: pan,
     shoulder_lift_joint: lift,
     elbow_joint: elbow,

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { ARM, clampToLimits, gripperClosedShare, gripperDegrees, measuredAngles } from "./joints";
+import { ARM, clampToLimits, gripperDegrees, gripperRadians, measuredAngles } from "./joints";
 
 const gripper = ARM[4]!;
 const lift = ARM[1]!;
@@ -26,8 +26,8 @@ describe("the arm's joints", () => {
     expect(measuredAngles(message)).toEqual({ gripper_joint: -30, elbow_joint: 90 });
     expect(gripperDegrees(0.25)).toBe(30);
     expect(gripperDegrees(7)).toBe(30);
-    expect(gripperClosedShare(-30)).toBe(0);
-    expect(gripperClosedShare(30)).toBe(1);
+    expect(gripperRadians(-30)).toBe(-0.2);
+    expect(gripperRadians(30)).toBe(0.25);
   });
 
   it("are unknown in an empty message and where they are not a number", () => {

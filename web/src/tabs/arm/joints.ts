@@ -59,9 +59,9 @@ export function gripperDegrees(angleRad: number): number {
   return rescale(angleRad, [GRIPPER.openRad, GRIPPER.closedRad], [GRIPPER.openDeg, GRIPPER.closedDeg]);
 }
 
-/** How far the gripper is closed, 0 open to 1 closed, for a value of the console's scale. */
-export function gripperClosedShare(degrees: number): number {
-  return rescale(degrees, [GRIPPER.openDeg, GRIPPER.closedDeg], [0, 1]);
+/** The angle of the gripper's joint for a value of the console's scale. */
+export function gripperRadians(degrees: number): number {
+  return rescale(degrees, [GRIPPER.openDeg, GRIPPER.closedDeg], [GRIPPER.openRad, GRIPPER.closedRad]);
 }
 
 /** The arm's angles in a message: joints that are missing or not a number are left out. */

@@ -4,6 +4,7 @@ import { TOPICS } from "@/generated/graph";
 import { useAge } from "@/hooks/use_now";
 import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
+import { speciesColor } from "@/map/species";
 import { fixed, formatDuration } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
 import { className, parseFlowers, parseTags } from "@/widgets/camera/detections";
@@ -11,8 +12,6 @@ import { className, parseFlowers, parseTags } from "@/widgets/camera/detections"
 /** What was detected longer ago is not "now". */
 const NOW_S = 2;
 const MAX_ROWS = 8;
-
-const PETALS: Record<string, string> = { tulip_red: "#e23a3a", tulip_white: "#e8e8ee", tulip_pink: "#ec6aa6" };
 
 /** Every tag and flower in the images of this moment. */
 export function SeenPanel({ place }: { place?: string }) {
@@ -40,7 +39,7 @@ export function SeenPanel({ place }: { place?: string }) {
       return {
         key: `flower ${index}`,
         what: name === null ? flower.name || text("cameras_unknown_class") : text(name),
-        icon: <Flower2 aria-hidden="true" className="size-4" style={{ color: PETALS[flower.name] ?? "var(--color-text-2)" }} />,
+        icon: <Flower2 aria-hidden="true" className="size-4" style={{ color: speciesColor(flower.name) }} />,
         camera: text("cameras_gripper"),
         certainty: flower.certainty === null ? fixed(null, 0) : `${fixed(flower.certainty * 100, 0)} %`,
         distance: fixed(null, 0),

@@ -1,6 +1,7 @@
 import type { ReactNode } from "react";
 import { useTimeValue } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
+import { OLD_PLAN } from "@/map/draw/ink";
 import { SCAN_STALE_MS, liveMap } from "@/map/live_map";
 import { shownPlan } from "@/map/route";
 import { shownSightings } from "@/map/sightings";
@@ -23,7 +24,7 @@ export function Legend() {
     <ul className="flex min-w-0 flex-wrap gap-x-4 gap-y-1 text-xs text-text-2 max-md:hidden">
       {plan !== "none" && (
         <Item label={text(isPlanOld ? "map_legend_old_plan" : "map_legend_plan")}>
-          <line x1="0" x2="22" y1="5" y2="5" strokeWidth="3" {...(isPlanOld ? { stroke: "#7d8780", strokeDasharray: "2 4" } : { stroke: "var(--color-alive)" })} />
+          <line x1="0" x2="22" y1="5" y2="5" strokeWidth="3" {...(isPlanOld ? { stroke: OLD_PLAN, strokeDasharray: "2 4" } : { stroke: "var(--color-alive)" })} />
         </Item>
       )}
       {hasTrail && (

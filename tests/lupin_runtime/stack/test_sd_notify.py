@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from lupin_runtime.ros.sd_notify import Notifier
+from lupin_runtime.stack.sd_notify import Notifier
 
 
 @pytest.fixture

@@ -1,23 +1,23 @@
-"""Cancels all goals of the vendor's arm and gripper controllers, whatever client sent them."""
+"""Cancels all goals of some actions, whatever client sent them."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 from action_msgs.srv import CancelGoal
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.task import Future
 
-from lupin_runtime import graph
-from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.node import LupinNode
 
 
 class GoalCanceler:
-    """Clients of the cancel services of both controllers. Call it on the executor's thread."""
+    """Clients of the cancel services of the named actions. Call it on the executor's thread."""
 
-    def __init__(self, node: LupinNode, group: CallbackGroup | None = None) -> None:
+    def __init__(self, node: LupinNode, actions: Iterable[str], group: CallbackGroup | None = None) -> None:
         self._pending: dict[Client, Future | None] = {
-            node.create_client(CancelGoal, f"{row.name}/_action/cancel_goal", callback_group=group): None
-            for row in (graph.GRIPPER_COMMAND, graph.ARM_FOLLOW_TRAJECTORY)
+            node.create_client(CancelGoal, f"{action}/_action/cancel_goal", callback_group=group): None for action in actions
         }
 
     def cancel_all(self) -> None:

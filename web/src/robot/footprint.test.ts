@@ -3,8 +3,14 @@ import { BASE, CHASSIS, WHEELS, cornersAt, halfExtents } from "./footprint";
 
 describe("the robot's outline", () => {
   it("turns shapes into their body's axes", () => {
-    const cylinder = { kind: "cylinder" as const, name: "", size: [0.05, 0.02], at: [0, 0, 0], turned: [Math.SQRT1_2, 0, 0, Math.SQRT1_2], color: [] };
-    const [x, y, z] = halfExtents(cylinder);
+    const cylinder = {
+      kind: "cylinder" as const,
+      name: "",
+      size: { x: 0.05, y: 0.02, z: 0 },
+      pose: { translation: { x: 0, y: 0, z: 0 }, rotation: { x: Math.SQRT1_2, y: 0, z: 0, w: Math.SQRT1_2 } },
+      color: [],
+    };
+    const { x, y, z } = halfExtents(cylinder);
     expect(x).toBeCloseTo(0.05);
     expect(y).toBeCloseTo(0.02);
     expect(z).toBeCloseTo(0.05);
