@@ -339,7 +339,7 @@ def test_replay_of_an_arm_that_was_held_is_aborted(
 
     def is_held() -> bool:
         library.motion.hold_if_due()  # as arm_monitor calls it
-        return list(vendor.trajectories[-1].points[-1].positions) == vendor.at
+        return bool(list(vendor.trajectories[-1].points[-1].positions) == vendor.at)
 
     graph_host.until(is_held, what="the held pose")
     assert vendor.gripper_goals == []
