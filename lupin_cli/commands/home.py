@@ -8,7 +8,7 @@ import subprocess
 import typer
 
 from lupin_cli.connection.options import CONFIG, LOCAL, ROBOT, connect, reporting_errors, select_subject
-from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE
+from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE, USAGE_ERROR
 from lupin_cli.printed_commands import complete, lupin, print_next
 from lupin_cli.run.run_option import LIVE_RUN
 from lupin_cli.terminal import echo
@@ -29,7 +29,8 @@ def command(
 ) -> None:
     """Activate the controllers, then send the arm to its home pose; report what was found and done.
 
-    Acts on the default robot, which runs the same program when it boots, or with --local on the run on this machine.
+    Acts on the default robot, which runs the same program when it boots, or with --local on the run on this machine. If this
+    command ends, or the link is lost, before the arm moves, it is not moved.
     With --when-idle, it waits until the arm has been at rest for 2 s, and no replay, recording, gamepad, calibration or mission
     uses it.
 
@@ -44,7 +45,8 @@ def command(
         arguments, timeout_s = (*arguments, "--when-idle", str(wait_s)), TIMEOUT_S + wait_s
     if run is not None and not local:
         raise typer.BadParameter("--run selects a run on this machine; it needs --local", param_hint="--run")
-    from lupin_cli.release.paths import NOT_DEPLOYED, RELEASE, run_module
+    from lupin_cli.release.paths import NOT_DEPLOYED, RELEASE, remote_command
+    from lupin_runtime.arm.consent import ANSWER, QUESTION
 
     status = SUCCESS
     with reporting_errors("home"):
@@ -53,9 +55,12 @@ def command(
             raise typer.Exit(_home_local_run(run, arguments, timeout_s))
         for one in robots:
             with connect(one, inventory) as target:
-                output = run_module(target, one, MODULE, *arguments, timeout_s=timeout_s, on_line=echo)
-            if output.status == NOT_DEPLOYED:
-                echo(f"lupin home: {one.name} has no release of Lupin under {RELEASE}", err=True)
+                # If this command ends or its link is lost meanwhile, nobody answers, and the arm is not moved.
+                script = remote_command(one, MODULE, *arguments, "--ask")
+                output = target.run(script, timeout_s=timeout_s, on_line=echo, answers={QUESTION: ANSWER})
+            if output.status in (NOT_DEPLOYED, USAGE_ERROR):
+                release = "no release of Lupin" if output.status == NOT_DEPLOYED else "an older release of Lupin"
+                echo(f"lupin home: {one.name} has {release} under {RELEASE}", err=True)
                 print_next(lupin("deploy", "robot", robot=one.name))
             elif output.status is None:
                 echo(f"lupin home: {one.name}: {output.stderr.strip()}", err=True)

@@ -13,11 +13,12 @@ CONNECTION_ERRORS = (OSError, EOFError, paramiko.SSHException)  # what paramiko 
 _CHILD_SILENCE_S = 0.3  # after the script has exited: how long to wait for output of a child that kept its pipe
 
 
-def send_input(channel: paramiko.Channel, data: bytes) -> None:
-    """Send all of `data`, then the end of input. Run it beside `read_output`, because either side may block."""
+def send_input(channel: paramiko.Channel, data: bytes, is_all: bool = True) -> None:
+    """Send `data`, and the end of input if that `is_all`. Run it beside `read_output`, because either side may block."""
     with contextlib.suppress(*CONNECTION_ERRORS):  # read_output notices the lost connection too
         channel.sendall(data)
-        channel.shutdown_write()
+        if is_all:
+            channel.shutdown_write()
 
 
 def read_output(channel: paramiko.Channel, deadline: float) -> Iterator[tuple[bool, bytes]]:

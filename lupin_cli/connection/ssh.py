@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import paramiko
 
@@ -146,17 +146,26 @@ class SshTarget:
         stdin: bytes = b"",
         timeout_s: float = 60.0,
         on_line: Callable[[str], None] | None = None,
+        answers: Mapping[str, bytes] | None = None,
     ) -> Output:
-        """See `Target.run`."""
+        """See `Target.run`. When the script prints a line of `answers`, its standard input gets the answer, and not before."""
         program = run_program(script, root=root, stdin=stdin, timeout_s=timeout_s, sudo_password=self._sudo_password)
-        collector = OutputCollector(program.mark, on_line)
+
+        def pass_on(line: str) -> None:
+            if answers is not None and line in answers:
+                channel.sendall(answers[line])
+            elif on_line is not None:
+                on_line(line)
+
+        collector = OutputCollector(program.mark, pass_on if answers else on_line)
         status, lost = None, ""
         start = time.monotonic()
         with ConnectionWatchdog(self.connect(), timeout_s + 1.0) as watchdog:
             try:
                 with _exec(watchdog.transport, program.command, timeout_s) as channel:
                     # On another thread, because the robot may stop reading until its own output is read.
-                    send = threading.Thread(target=send_input, args=(channel, program.payload), name="lupin-stdin", daemon=True)
+                    sent = (channel, program.payload, not answers)
+                    send = threading.Thread(target=send_input, args=sent, name="lupin-stdin", daemon=True)
                     send.start()
                     for is_stderr, data in read_output(channel, start + timeout_s):
                         collector.feed(data, is_stderr)

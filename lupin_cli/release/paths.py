@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from lupin_cli.connection.base import Output, Target
 from lupin_cli.connection.inventory import ROS_SETUP, Robot
 
 ROOT = "/opt/lupin"
@@ -38,10 +37,3 @@ def remote_command(robot: Robot, module: str, *arguments: str) -> str:
     )
     # The setup files need bash. -l gives the login environment that the units have.
     return f"[ -x {python} ] || exit {NOT_DEPLOYED}\nexec bash -lc {shlex.quote('; '.join(lines))}"
-
-
-def run_module(
-    target: Target, robot: Robot, module: str, *arguments: str, timeout_s: float, on_line: Callable[[str], None] | None = None
-) -> Output:
-    """Run a module of the release and wait for its exit. Raises TargetError if the robot cannot be reached."""
-    return target.run(remote_command(robot, module, *arguments), timeout_s=timeout_s, on_line=on_line)

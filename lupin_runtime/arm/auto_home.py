@@ -1,8 +1,9 @@
 """Activates the vendor's controllers, then moves the arm to `home`.
 
-    python -m lupin_runtime.arm.auto_home [--patience S] [--unattended] [--when-idle S]
+    python -m lupin_runtime.arm.auto_home [--patience S] [--unattended] [--when-idle S] [--ask]
 
-The robot runs it at boot and again after a failure (`--unattended`), and `lupin home` runs it on request. It prints a line per
+The robot runs it at boot and again after a failure (`--unattended`), and `lupin home` runs it on request; over SSH, that
+answers a question just before the arm moves (`--ask`), because its link may be lost by then. It prints a line per
 step with what it found and did. Exit status: 0 the arm was sent home, or LUPIN_AUTO_HOME disables this; 4 the e-stop was
 pressed, if only for a moment, and systemd does not start it again; 1 otherwise, with the reason. Every wait has a timeout, also
 that for an e-stop whose process has not heard every source since it was started.
@@ -26,6 +27,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.task import Future
 
 from lupin_runtime import graph, home_report
+from lupin_runtime.arm.consent import ANSWER_LIMIT_S, Consent
 from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.idle_watch import IdleWatch
 from lupin_runtime.arm.joint_state import arm_state
@@ -49,8 +51,8 @@ class NotHome(RuntimeError):
     """The arm was not sent home; the message gives the reason."""
 
 
-class NotIdle(NotHome):
-    """Somebody uses the arm, so it is left alone."""
+class LeftAlone(NotHome):
+    """Somebody uses the arm, or whoever asked for the motion no longer does."""
 
 
 class Estopped(NotHome):
@@ -81,7 +83,7 @@ def opted_out(environment: Mapping[str, str]) -> bool:
 
 
 class AutoHome:
-    """Runs the steps in order; `say` is called with a line per step.
+    """Runs the steps in order; `say` is called with a line per step. With `consent`, it is asked for just before the arm moves.
 
     Nobody has just asked for an `unattended` one: it moves nothing if the e-stop was pressed within BETWEEN_ATTEMPTS_S before.
     """
@@ -92,8 +94,9 @@ class AutoHome:
         limits: Limits | None = None,
         say: Callable[[str], None] = print,
         unattended: bool = False,
+        consent: Consent | None = None,
     ) -> None:
-        self._limits, self._say, self._unattended = limits or Limits(), say, unattended
+        self._limits, self._say, self._unattended, self._consent = limits or Limits(), say, unattended, consent
         self._monotonic_ns = node.monotonic_ns
         self._began_s = self._now_s()
         self._executor = SingleThreadedExecutor()
@@ -129,6 +132,7 @@ class AutoHome:
             if self._limits.idle_s is not None:
                 self._wait_until_idle(self._limits.idle_s)
             self._settle()  # during which somebody may begin to use the arm
+            self._require_consent()
             is_idle = self._limits.idle_s is None or not self._idle.reason(self._monotonic_ns())
         self._go_home()
 
@@ -140,11 +144,23 @@ class AutoHome:
             self._wait(lambda: self._engaged_s is None, self._limits.release_s, "the e-stop, which has not heard every source")
             self._spin_for(self._limits.settle_s)  # the arm's service may notice the release a little later
 
+    def _require_consent(self) -> None:
+        """Ask for consent, if it is to be asked for. Raises LeftAlone if the answer does not come."""
+        consent = self._consent
+        if consent is None:
+            return
+        consent.ask()
+        deadline = self._now_s() + self._bounded_s(ANSWER_LIMIT_S)
+        while not consent.is_given():
+            if consent.is_refused or self._now_s() > deadline:
+                raise LeftAlone("the computer that asked for it does not answer any more; the arm is not moved")
+            self._executor.spin_once(timeout_sec=0.1)
+
     def _wait_until_idle(self, limit_s: float) -> None:
         deadline, said = self._now_s() + self._bounded_s(limit_s), ""
         while reason := self._idle.reason(self._monotonic_ns()):
             if self._now_s() > deadline:
-                raise NotIdle(f"the arm was not idle within {limit_s:g} s: {reason}")
+                raise LeftAlone(f"the arm was not idle within {limit_s:g} s: {reason}")
             if reason != said:
                 self._say(f"waiting until the arm is idle: {reason}")
             said = reason
@@ -191,13 +207,14 @@ class AutoHome:
             if answer is not None and answer.message.startswith(ESTOP_ENGAGED):
                 raise Estopped(answer.message)
             if answer is not None and answer.message.startswith(RESERVED) and self._limits.idle_s is None:
-                raise NotIdle(answer.message)  # sent home a moment later, it would meet the hand of whoever used it
+                raise LeftAlone(answer.message)  # sent home a moment later, it would meet the hand of whoever used it
             if self._now_s() + RETRY_S > deadline:
                 reason = "no response" if answer is None else answer.message
                 raise NotHome(f"{graph.ARM_PRESET.name} did not send the arm home: {reason}")
             self._spin_for(RETRY_S)
             if self._limits.idle_s is not None:  # somebody has begun to use the arm
                 self._wait_until_idle(self._limits.idle_s)
+                self._require_consent()
 
     def _activate(self, names: list[str]) -> None:
         self._call(
@@ -314,6 +331,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--when-idle", type=float, metavar="S", help="wait up to S seconds until the arm is idle, then send it home"
     )
+    parser.add_argument("--ask", action="store_true", help="ask on standard output before the arm moves")
     options = parser.parse_args(arguments)
     if opted_out(os.environ):
         home_report.write_report(home_report.OFF)
@@ -330,7 +348,7 @@ def main(arguments: list[str]) -> int:
     node = LupinNode("auto_home")
     limits = replace(Limits(), visible_s=options.patience, idle_s=options.when_idle)
     limits = replace(limits, total_s=limits.total_s + (limits.idle_s or 0.0))
-    home = AutoHome(node, limits, say, options.unattended)
+    home = AutoHome(node, limits, say, options.unattended, Consent() if options.ask else None)
     try:
         home.run()
     except NotHome as reason:
@@ -350,8 +368,8 @@ def main(arguments: list[str]) -> int:
 
 def _report_failure(reason: NotHome, unattended: bool) -> int:
     """Write why the arm was not sent home; return the exit status. systemd tries again, unless that is ESTOPPED."""
-    if isinstance(reason, NotIdle):
-        # The arm is in somebody's hands, who needs no help.
+    if isinstance(reason, LeftAlone):
+        # The arm is in somebody's hands, who needs no help, or nobody waits for it.
         home_report.write_report(home_report.OFF, str(reason))
         return ESTOPPED if unattended else FAILURE
     if isinstance(reason, Estopped):

@@ -316,6 +316,15 @@ def test_open_run_exchanges_lines_without_preamble(sshd: Sshd) -> None:
     target.close()
 
 
+def test_input_is_answered_only_when_the_script_asks(sshd: Sshd) -> None:
+    lines: list[str] = []
+    ask = "echo working; echo may I; read -r word && echo got $word; timeout 0.3 head -c 1 || echo still open"
+    with contextlib.closing(SshTarget("robot", sshd.destination, sshd.known_hosts())) as target:
+        output = target.run(ask, timeout_s=20.0, on_line=lines.append, answers={"may I": b"yes\n"})
+        assert output.status == 0 and lines == ["working", "got yes", "still open"]
+        assert target.run("read -r word || echo nobody answers", timeout_s=20.0).stdout == "nobody answers\n"
+
+
 def test_connect_opens_new_connection_after_loss(sshd: Sshd) -> None:
     with contextlib.closing(SshTarget("robot", sshd.destination, sshd.known_hosts())) as target:
         first = target.connect()

@@ -93,14 +93,14 @@ def test_arm_that_is_not_idle_in_time_is_left_alone(graph_host: GraphHost) -> No
 
 
 def test_arm_that_somebody_has_reserved_is_left_alone(graph_host: GraphHost) -> None:
-    from lupin_runtime.arm.auto_home import AutoHome, Limits, NotIdle
+    from lupin_runtime.arm.auto_home import AutoHome, LeftAlone, Limits
     from lupin_runtime.ros import LupinNode
 
     manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
     manager.refusals, manager.refusal = 1, "the arm is reserved: jogging; stop that with /lupin/arm/library/stop"
     node = LupinNode("auto_home")
     home = AutoHome(node, Limits(**SHORT), say=lambda _: None)
-    with pytest.raises(NotIdle, match="jogging"):
+    with pytest.raises(LeftAlone, match="jogging"):
         home.run()
     assert manager.presets == ["home"]
     home.close()
@@ -110,8 +110,8 @@ def test_arm_that_somebody_has_reserved_is_left_alone(graph_host: GraphHost) -> 
 @pytest.mark.parametrize(
     ("reason", "unattended", "status", "report"),
     [
-        ("NotIdle", True, ESTOPPED, home_report.OFF),  # systemd does not try again
-        ("NotIdle", False, FAILURE, home_report.OFF),
+        ("LeftAlone", True, ESTOPPED, home_report.OFF),  # systemd does not try again
+        ("LeftAlone", False, FAILURE, home_report.OFF),
         ("Estopped", True, ESTOPPED, home_report.ESTOPPED),
         ("NotHome", True, FAILURE, home_report.RETRYING),
         ("NotHome", False, FAILURE, home_report.FAILED),
