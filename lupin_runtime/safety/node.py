@@ -142,8 +142,8 @@ class EstopWitness(LupinNode):
 
     It is also true while the button is silent that was received before, because a bridge that has just been started knows
     nothing of that; and from when the bridge is gone while the button is held, or while a lost console has left its stop, until
-    that ends. A bridge that is engaged only because it has not heard every source has not responded to a press. The first
-    message is false only after `listen_s`, so that this node has probably discovered what it reports about.
+    that ends. A bridge that is engaged only because it has not heard every source has not responded to a press. It publishes
+    false only after `listen_s`, so that it has probably discovered what it reports about; until then true stays.
 
     Parameters, the same as those of `estop_bridge`: `engaged_value`, `listen_s`, `hmi_expiry_s`, `hmi_silence_engages`,
     `button_silence_s`, `button_silence_engages`.
@@ -211,7 +211,7 @@ class EstopWitness(LupinNode):
             self.get_logger().error("the e-stop's button has fallen silent; the e-stop is engaged until it is back")
         self._was_silent = silent
         engages = missed or silent
-        if engages == self._published or (not engages and self._published is None and now_ns < self._false_from_ns):
+        if engages == self._published or (not engages and now_ns < self._false_from_ns):
             return
         self._published = engages
         if missed:
