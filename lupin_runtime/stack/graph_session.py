@@ -48,7 +48,8 @@ POLL_S, RESCAN_S = 0.1, 0.2
 # Published by every working robot: until all of them are seen, a missing one may be late.
 ROBOT_TOPICS = tuple(topic for topic in graph.topics() if topic.repeats and topic.from_vendor)
 PROBED_TOPICS = tuple(topic for topic in graph.topics() if topic.repeats or topic.probed)
-DRIVE_INPUTS = (graph.CMD_VEL_JOY, graph.CMD_VEL_MANUAL, graph.CMD_VEL_AUTO)
+# By the names by which the bus says who drives.
+DRIVE_INPUTS = {"joy": graph.CMD_VEL_JOY, "manual": graph.CMD_VEL_MANUAL, "auto": graph.CMD_VEL_AUTO}
 # Three servers in three processes of the robot: the controller manager, the motor board and the onboard stack.
 PROBED_SERVICES: tuple[graph.Service, ...] = (
     graph.LIST_CONTROLLERS,
@@ -179,10 +180,10 @@ class GraphSession:
                 self.node.subscription(row, partial(self._keep_state, row.name, decoder), qos=requested)
         if self._drive is None and topics.get(graph.CMD_VEL_MANUAL.name, {}).get("subscribers"):
             self._drive = self.node.publisher(graph.CMD_VEL_MANUAL)
-        for row in DRIVE_INPUTS:
+        for source, row in DRIVE_INPUTS.items():
             if topics.get(row.name, {}).get("publishers") and row.name not in self.inputs:
                 self.inputs[row.name] = {"count": 0, "moving": 0}
-                self.node.subscription(row, partial(self._count_command, row.name), qos=graph.BEST5, raw=True)
+                self.node.subscription(row, partial(self._count_command, row.name, source), qos=graph.BEST5, raw=True)
 
     def _count(self, name: str, _: Any) -> None:
         sample = self.samples[name]
@@ -228,9 +229,9 @@ class GraphSession:
         if name == graph.DRIVE_STATUS.name and isinstance(state, dict):
             self.wheels.bus(str(state.get("winner") or ""), bool(state.get("locks")))
 
-    def _count_command(self, name: str, data: bytes) -> None:
+    def _count_command(self, name: str, source: str, data: bytes) -> None:
         twist = decode(data)
-        self.wheels.command(twist, time.monotonic())
+        self.wheels.command(source, twist, time.monotonic())
         self.inputs[name]["count"] += 1
         self.inputs[name]["moving"] += int(twist is not None and not twist.is_neutral())
 

@@ -1,4 +1,4 @@
-"""Whether the wheels turn while they are commanded: drive commands that pass the drive bus, compared with the odometry."""
+"""Whether the wheels turn while they are commanded: the commands of the input that drives, compared with the odometry."""
 
 from __future__ import annotations
 
@@ -19,21 +19,26 @@ class WheelWatch:
         self.idle_s = 0.0
         self._since_s: float | None = None  # since when the wheels are commanded and have not moved
         self._commanded_s = 0.0
+        self._source = ""  # of the last command
+        self._winner: str | None = None  # the input that drives; None: not known yet
         self._odometry = b""
 
-    def command(self, twist: Twist | None, now_s: float) -> None:
-        """Handle a command on an input of the drive bus; None stands for a malformed one."""
+    def command(self, source: str, twist: Twist | None, now_s: float) -> None:
+        """Handle a command on the bus's input `source`; None stands for a malformed one. Those of other inputs do not count."""
+        if self._winner not in (None, source):
+            return
         is_moving = twist is not None and (max(abs(twist.x), abs(twist.y)) >= MIN_MPS or abs(twist.yaw) >= MIN_RADPS)
         if not is_moving:
             self._since_s = None
-        elif self._since_s is None or now_s - self._commanded_s > GAP_S:
+        elif self._since_s is None or source != self._source or now_s - self._commanded_s > GAP_S:
             self._since_s = now_s
-        self._commanded_s = now_s
+        self._source, self._commanded_s = source, now_s
 
     def bus(self, winner: str, is_locked: bool) -> None:
         """Handle a status of the drive bus: the input that drives, and whether the bus passes nothing."""
-        if is_locked or not winner:
+        if is_locked or winner != self._source:
             self._since_s = None
+        self._winner = "" if is_locked else winner
 
     def odometry(self, message: bytes, now_s: float) -> None:
         """Handle a serialized message of the odometry."""
