@@ -83,6 +83,7 @@ def command(
     detach: bool = typer.Option(
         False, "--detach", help="Return once all processes are up, or with the reason why not; follow it with: lupin status."
     ),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Check all of that, and print what would be started; start nothing."),
     as_json: bool = typer.Option(False, "--json", help="Print only one JSON object on standard output, at the end."),
 ) -> None:
     """Start the stack; with --mission, explore, read every tag and write a report.
@@ -145,6 +146,13 @@ def command(
     _check_engines(options)
     if options.console:
         _report_taken_port(rosbridge_port)
+    if dry_run:
+        from lupin_cli.run.plan import show_plan
+
+        for line in () if as_json else _not_started(unavailable):
+            echo(line, err=True)
+        show_plan(options, unavailable, as_json)
+        return
     if detach:
         raise typer.Exit(_detach(unavailable, as_json))
     open_browser = not headless and sys.stdout.isatty() and bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
