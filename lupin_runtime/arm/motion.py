@@ -23,8 +23,10 @@ from lupin_runtime.safety.estop_monitor import DRAIN_S, ESTOP_ENGAGED, ESTOP_NOT
 DEFAULT_RATE_RADPS = math.radians(60.0)
 # A joint is assumed to be at its last command, unless feedback of at most this age differs by more than this angle.
 FRESH_S = 0.5
-# To hold the arm, feedback must be newer: a moving arm would jump back to a pose of half a second ago.
+# To hold the arm, feedback must be newer: a moving arm would jump back to a pose of half a second ago. A stop waits for such
+# feedback for HOLD_WAIT_S; then what there is must do.
 HOLD_FRESH_S = 0.1
+HOLD_WAIT_S = 0.2
 DRIFT_RAD = 0.08
 RESERVED = "the arm is reserved"  # by which the refusals begin that say so
 CALIBRATING = "calibrating"  # the holder during which only the calibration switches the torque
@@ -69,6 +71,7 @@ class ArmMotion:
         self._estop_known = self._estop_engaged = False
         self._released_ns: int | None = None
         self._hold_due = False
+        self._hold_due_ns = self._hold_from_ns = 0  # since when, and from when on the feedback is to be
         self.estop_count = 0  # how often the e-stop was engaged
         self.stop_count = 0  # how often the arm was stopped or pinned
         self.blocked: tuple[str, ...] = ()  # joints that do not follow their commands, as far as `arm_monitor` knows
@@ -120,26 +123,35 @@ class ArmMotion:
             is_press = engaged and not was_engaged
             if is_press:
                 self.estop_count += 1
-                self._hold_due = self.torque is not False
+                self._hold_due = False
+                if self.torque is not False:
+                    self._hold_soon()
             elif was_engaged and (not engaged or self._has_left_held_pose()):
                 self._send_held_pose()
             if was_engaged and not engaged:
                 self._released_ns = self._real_ns()
-            # If no feedback of now has come when the state is repeated, 0.2 s later, what there is must do.
-            self.hold_if_due(HOLD_FRESH_S if is_press else FRESH_S)
+            self.hold_if_due()
 
-    def hold_if_due(self, max_age_s: float = FRESH_S) -> None:
+    def hold_if_due(self) -> None:
         """Hold the present pose if a stop waits for feedback; call it a few times per second."""
         with self._lock:
-            if self._hold_due and self.torque is not False:
+            state, waited_s = self.state(fresh=True, max_age_s=HOLD_FRESH_S), (self._clock_ns() - self._hold_due_ns) / 1e9
+            is_of_now = state is not None and state.received_ns >= self._hold_from_ns
+            if self._hold_due and self.torque is not False and (is_of_now or not 0 <= waited_s < HOLD_WAIT_S):
                 with suppress(Refused):
-                    self.pin(max_age_s)
+                    self.pin(FRESH_S)
+
+    def _hold_soon(self, max_age_s: float = HOLD_FRESH_S) -> None:
+        """Hold the arm as soon as there is feedback of now, which is at most `max_age_s` older than this call."""
+        now_ns = self._clock_ns()
+        self._hold_due_ns = self._hold_due_ns if self._hold_due else now_ns
+        self._hold_due, self._hold_from_ns = True, now_ns - int(max_age_s * 1e9)
 
     def stop_soon(self) -> None:
         """Stop as `stop` does, but with later feedback: what there is may have waited while this process was held up."""
         with self._lock:
             self.stop_count += 1
-            self._hold_due = True
+            self._hold_soon(max_age_s=0.0)
 
     def counter(self, path: Sequence[tuple[float, ...]]) -> None:
         """Replace another publisher's trajectory by the held pose while the e-stop is engaged. `path` are its points."""
@@ -190,7 +202,7 @@ class ArmMotion:
             if state is not None:
                 self._send_path(to_pose(state.arm, duration_s))
             else:
-                self._hold_due = True
+                self._hold_soon()
 
     def stop_unfinished(self) -> bool:
         """Hold the present pose if a trajectory has not ended yet, because this process exits; return whether it was sent.

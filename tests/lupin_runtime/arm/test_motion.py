@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any
 
@@ -124,11 +124,26 @@ def test_last_feedback_must_do_if_no_other_comes(is_press: bool) -> None:
     assert arm.last.arm == (0.4, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("stop", [lambda motion: motion.set_estop(True), lambda motion: motion.stop(0.3)])
+def test_old_feedback_is_not_used_before_the_wait_ends(stop: Callable[[ArmMotion], None]) -> None:
+    arm = moving_arm(0.25)
+    stop(arm.motion)
+    for _ in range(3):
+        arm.motion.hold_if_due()  # as arm_monitor calls it, at any time
+        arm.now_ns += S // 20
+    assert len(arm.sent) == 1
+    arm.now_ns += S // 20
+    arm.motion.hold_if_due()
+    assert arm.last.arm == (0.4, 0.0, 0.0, 0.0)
+
+
 def test_stop_after_a_hang_uses_later_feedback() -> None:
     arm = moving_arm(0.0)
     arm.motion.stop_soon()
+    arm.now_ns += S // 20
+    arm.motion.hold_if_due()  # what there is has waited while the process was held up
     assert len(arm.sent) == 1
-    arm.now_ns += S // 5
+    arm.now_ns += S // 20
     arm.set_pose((0.6, 0.0, 0.0, 0.0))
     arm.motion.hold_if_due()
     assert arm.last.arm == (0.6, 0.0, 0.0, 0.0)
