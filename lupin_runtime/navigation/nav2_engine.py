@@ -13,15 +13,10 @@ from lupin_runtime.navigation.nav2_parameters import nav2_parameters
 from lupin_runtime.navigation.parameters import declare_parameters
 from lupin_runtime.navigation.robot_state import RobotState
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.goal_canceler import GoalCanceler
+from lupin_runtime.ros.goal_canceler import MOVING_ACTIONS, GoalCanceler
 from lupin_runtime.ros.system_programs import SystemPrograms
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
-# Every action of Nav2's that moves the robot.
-MOVING_ACTIONS = (
-    *("/navigate_to_pose", "/navigate_through_poses", "/follow_waypoints", "/follow_path"),
-    *("/spin", "/backup", "/drive_on_heading"),
-)
 SILENCE_S = 0.5  # as the drive bus's, before which the velocity smoother repeats the last velocity
 CANCEL_PERIOD_S = 0.2
 _ENDED = 4  # action_msgs/GoalStatus: from STATUS_SUCCEEDED on, a goal has ended

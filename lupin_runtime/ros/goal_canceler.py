@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from action_msgs.msg import GoalInfo
 from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Time
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.task import Future
 
 from lupin_runtime.ros.node import LupinNode
+
+# Every action of Nav2's that moves the robot.
+MOVING_ACTIONS = (
+    *("/navigate_to_pose", "/navigate_through_poses", "/follow_waypoints", "/follow_path"),
+    *("/spin", "/backup", "/drive_on_heading"),
+)
 
 
 class GoalCanceler:
@@ -20,10 +28,14 @@ class GoalCanceler:
             node.create_client(CancelGoal, f"{action}/_action/cancel_goal", callback_group=group): None for action in actions
         }
 
-    def cancel_all(self) -> None:
-        """Request the cancellation of every goal, without waiting. A server that is not there has no goals."""
+    def cancel_all(self, until: Time | None = None) -> None:
+        """Request the cancellation of every goal, or of those accepted `until` then, without waiting.
+
+        A server that is not there has no goals.
+        """
+        # A request without an id means every goal, up to its stamp if it has one (action_msgs/CancelGoal).
+        request = CancelGoal.Request(goal_info=GoalInfo(stamp=until or Time()))
         for client, pending in self._pending.items():
             if pending is not None and not pending.done():
                 client.remove_pending_request(pending)
-            # A request without an id and a stamp means every goal (action_msgs/CancelGoal).
-            self._pending[client] = client.call_async(CancelGoal.Request()) if client.service_is_ready() else None
+            self._pending[client] = client.call_async(request) if client.service_is_ready() else None

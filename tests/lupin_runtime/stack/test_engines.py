@@ -168,6 +168,13 @@ def test_goal_reaches_nav2_and_its_death_is_named(
         return int(client.until(result.done, "the goal's end") and result.result().status)
 
     assert status(send(1.0)) == GoalStatus.STATUS_SUCCEEDED
+    in_lost_map = send(100.0)
+    run.wait(lambda: run.speed_m_s() > 0.1, "a robot that Nav2 drives")
+    psutil.Process(run.stage("slam")["pid"]).children()[0].kill()
+    assert status(in_lost_map) == GoalStatus.STATUS_CANCELED
+    run.wait(lambda: run.speed_m_s() < 0.01, "a robot at rest")
+    run.wait(lambda: run.stage("slam")["phase"] == "up", "a new map")
+    assert status(send(1.0)) == GoalStatus.STATUS_SUCCEEDED
     far = send(100.0)
     run.wait(lambda: run.speed_m_s() > 0.1, "a robot that Nav2 drives")
     client.call(graph.SIM_PRESS_ESTOP, data=True)
@@ -177,7 +184,7 @@ def test_goal_reaches_nav2_and_its_death_is_named(
     nav = psutil.Process(run.stage("nav")["pid"])
     programs = nav.children()
     next(each for each in programs if "controller_server" in each.cmdline()).kill()
-    death = run.until(lambda state: state["deaths"], "a death")["deaths"][0]
+    death = run.until(lambda state: len(state["deaths"]) > 1, "a second death")["deaths"][1]
     assert "controller_server was killed by SIGKILL" in death["status"]
     assert (death["stage"], death["consequence"]) == ("nav", "restarted")
     run.wait(lambda: all(map(has_ended, programs)), "the end of every program of the old process, beside which none may run")
