@@ -7,7 +7,7 @@ import contextlib
 import os
 import threading
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, TextIO, TypeVar
 
@@ -21,7 +21,7 @@ from lupin_runtime.voice.spotting_endpointer import SpottingEndpointer
 
 _MAX_READ = 4096
 _KEPT_STOPS = 8
-_STOP_TIMEOUT_S = 2.0
+_STOP_TIMEOUT_S = 2.0  # for each step of stops that were said before the microphone was lost
 
 Result = TypeVar("Result")
 
@@ -101,20 +101,28 @@ class Microphone:
         self._spotted = deque[str](maxlen=_KEPT_STOPS)  # ids of the last utterances in which a stop was spotted,
         self._read = deque[str](maxlen=_KEPT_STOPS)  # and of those whose whole sentence had one
         self._stops: set[asyncio.Task[None]] = set()
-        self._lost: asyncio.Future[SpeechUnavailable] = self._loop.create_future()  # done once the microphone is lost
+        self._in_work: tuple[str, asyncio.Future[str]] | None = None  # the utterance that is being recognized
+        self._cut: _Event | None = None  # the utterance in which the microphone was lost
+        self._lost: asyncio.Future[Exception] = self._loop.create_future()  # done once no stop is heard, or one has failed
 
     async def turns(self) -> AsyncIterator[Turn]:
-        """Yield the sentences. Raises SpeechUnavailable as soon as the microphone is lost, whatever is in work."""
+        """Yield the sentences. Raises SpeechUnavailable as soon as the microphone is lost, whatever is in work, but a stop.
+
+        Raises also what `stop` raises.
+        """
         threading.Thread(target=self._listen, name="lupin-voice-microphone", daemon=True).start()
         ignored = ""
         while (event := await self._unless_lost(self._events.get())).edge is not None:
             if event.edge is Edge.BEGIN and self._is_talking():
                 ignored = event.identifier
+            if event.edge is Edge.END:
+                self._in_work = event.identifier, asyncio.ensure_future(self._transcribe(event))
             if ignored != event.identifier:
                 await self._unless_lost(self._announce(event.identifier, ended=event.edge is Edge.END))
-            if event.edge is Edge.BEGIN:
+            if self._in_work is None:
                 continue
-            sentence = await self._unless_lost(asyncio.to_thread(self._recognizer.transcribe, event.sound))
+            sentence = await self._unless_lost(self._in_work[1])
+            self._in_work = None
             if event.identifier in self._spotted:
                 continue
             has_stop = has_stop_word(sentence)
@@ -122,20 +130,50 @@ class Microphone:
                 self._read.append(event.identifier)
             if ignored != event.identifier or has_stop:
                 yield Turn(sentence, "speech", event.identifier)
-        await asyncio.gather(*self._stops)
+        await self._unless_lost(asyncio.gather(*self._stops))
 
-    async def _unless_lost(self, work: Coroutine[Any, Any, Result]) -> Result:
+    async def _unless_lost(self, work: Awaitable[Result]) -> Result:
         task = asyncio.ensure_future(work)
         waited: tuple[asyncio.Future[Any], ...] = (task, self._lost)
         try:
             await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED)
             if self._lost.done():
-                if self._stops:  # a stop that was heard is carried out all the same
-                    await asyncio.wait(self._stops, timeout=_STOP_TIMEOUT_S)
+                await self._stop_all_the_same()
                 raise self._lost.result()
             return task.result()
         finally:
             task.cancel()
+
+    async def _stop_all_the_same(self) -> None:
+        """Look for stops in the utterances that are not recognized yet, and wait until all that were heard are carried out."""
+        unread = [self._events.get_nowait() for _ in range(self._events.qsize())]
+        unread += [] if self._cut is None else [self._cut]
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_STOP_TIMEOUT_S):
+                if self._in_work is not None:
+                    self._stop_if_said(self._in_work[0], await self._in_work[1])
+                for event in unread:
+                    if event.edge is Edge.END:
+                        self._stop_if_said(event.identifier, await self._transcribe(event))
+        if self._stops:
+            await asyncio.wait(self._stops, timeout=_STOP_TIMEOUT_S)
+
+    def _stop_if_said(self, identifier: str, sentence: str) -> None:
+        if identifier not in self._spotted and has_stop_word(sentence):
+            self._begin_stop(Turn(sentence, "speech", identifier))
+
+    def _begin_stop(self, turn: Turn) -> None:
+        task = asyncio.ensure_future(self._stop(turn))
+        self._stops.add(task)
+        task.add_done_callback(self._end_stop)
+
+    def _end_stop(self, task: asyncio.Task[None]) -> None:
+        self._stops.discard(task)
+        if not task.cancelled() and isinstance(error := task.exception(), Exception):
+            self._note_loss(error)
+
+    async def _transcribe(self, event: _Event) -> str:
+        return await asyncio.to_thread(self._recognizer.transcribe, event.sound)
 
     async def _announce(self, identifier: str, *, ended: bool) -> None:
         if self._agent is not None:
@@ -149,6 +187,7 @@ class Microphone:
             return f"{prefix}-{number}"
 
         spotting = SpottingEndpointer(self._recognizer, lambda text, number: self._post_stop(identifier(number), text))
+        failure: Exception | None = None
         try:
             for frame in self._frames:
                 edge = spotting.push(frame)
@@ -156,8 +195,14 @@ class Microphone:
                     sound = spotting.utterance if edge is Edge.END else b""
                     self._post(_Event(identifier(spotting.number), edge, sound))
         except SpeechUnavailable as error:
-            self._call(self._note_loss, error)
+            failure = error
+        except Exception as error:  # whatever a sound system raises; a session that hears nothing must not go on
+            failure = SpeechUnavailable(f"listening has failed: {error!r}")
+        if spotting.is_speaking:  # no command is taken from a sentence that was cut off, but a stop
+            self._cut = _Event(identifier(spotting.number), Edge.END, spotting.utterance)
         spotting.close()  # after the window that it hears now
+        if failure is not None:
+            self._call(self._note_loss, failure)
         self._post(_Event("", None))
 
     def _post(self, event: _Event) -> None:
@@ -173,11 +218,10 @@ class Microphone:
             if identifier in self._read:  # the whole sentence was recognized before
                 return
             self._spotted.append(identifier)
-            task = asyncio.ensure_future(self._stop(Turn(text, "speech", identifier)))
-            self._stops.add(task)
-            task.add_done_callback(self._stops.discard)
+            self._begin_stop(Turn(text, "speech", identifier))
 
         self._call(start, text)
 
-    def _note_loss(self, problem: SpeechUnavailable) -> None:
-        self._lost.set_result(problem)
+    def _note_loss(self, problem: Exception) -> None:
+        if not self._lost.done():
+            self._lost.set_result(problem)

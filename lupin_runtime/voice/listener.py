@@ -33,7 +33,6 @@ _BEFORE_MS = 300  # of a turn: its first sound is below the page's threshold
 _MAX_TURN_MS = 30_000
 _MAX_SENTENCES = 4  # that wait for the recognizer
 _KEPT_UTTERANCES = 8  # in which a stop may still be found
-_MAX_WINDOW_S = 10.0  # a recognizer that takes longer for a window hears no stop
 
 Emit = Callable[[dict[str, Any]], None]
 
@@ -43,10 +42,6 @@ class TurnRecognizer(Recognizer, Protocol):
 
     def expect(self, names: Names) -> None:
         """Let commands have these names from now on."""
-
-
-class Deaf(RuntimeError):
-    """The recognizer does not answer."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,10 @@ class Listener:
         threading.Thread(target=self._recognize, name="lupin-listener-sentences", daemon=True).start()
 
     def handle(self, kind: Kind, payload: bytes) -> None:
-        """Handle one message. A payload that is none is ignored; a BEGIN without an id only ends a turn. Raises Deaf."""
+        """Handle one message. A payload that is none is ignored; a BEGIN without an id only ends a turn.
+
+        Raises SpeechUnavailable if no stop would be heard.
+        """
         if kind is Kind.SOUND and len(payload) == FRAME_BYTES:
             self._hear(payload)
         elif kind is Kind.BEGIN:
@@ -105,8 +103,6 @@ class Listener:
             self._spotting.configure(settings)
 
     def _hear(self, frame: bytes) -> None:
-        if self._spotting.busy_s > _MAX_WINDOW_S:
-            raise Deaf(f"the recognizer has been busy for {_MAX_WINDOW_S:g} s with one window")
         self._recent.append(frame)
         if self._turn:
             self._turn_sound.append(frame)

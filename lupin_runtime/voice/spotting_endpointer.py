@@ -35,13 +35,9 @@ class SpottingEndpointer:
         """Whether an utterance is going on."""
         return self._endpointer.is_speaking
 
-    @property
-    def busy_s(self) -> float:
-        """How long the spotter has been busy with one window, in s."""
-        return self._spotter.busy_s
-
     def push(self, frame: bytes) -> Edge | None:
-        """Take the next frame, and return the edge that it is, if any."""
+        """Take the next frame, and return the edge that it is, if any. Raises SpeechUnavailable if no stop would be heard."""
+        self._spotter.require_hearing()
         edge = self._endpointer.push(frame)
         if edge is Edge.BEGIN:
             self.number = self._spotter.begin()
@@ -58,5 +54,5 @@ class SpottingEndpointer:
         self._endpointer = Endpointer(settings)
 
     def close(self) -> None:
-        """End the spotter, after the window that it hears now."""
+        """End the spotter, after the window that it hears now, if that is soon done."""
         self._spotter.close()

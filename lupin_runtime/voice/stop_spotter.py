@@ -13,12 +13,15 @@ from collections.abc import Callable
 from lupin_runtime.voice.endpointer import SAMPLE_BYTES, SAMPLE_RATE_HZ
 from lupin_runtime.voice.grammar import has_stop_word
 from lupin_runtime.voice.recognizer import WINDOW_S, Recognizer
+from lupin_runtime.voice.speech import SpeechUnavailable
 
 HALT = "halt"
 
 AGREEING_WINDOWS = 3  # in six minutes of other speech, up to two windows in a row heard a stop
 STEP_S = 0.1  # of new sound between two windows
 _MIN_SPEECH_S = 0.3  # a shorter sound is no word yet
+MAX_WINDOW_S = 10.0  # a recognizer that takes longer for a window hears no stop
+CLOSE_TIMEOUT_S = 2.0
 _BYTES_PER_S = SAMPLE_RATE_HZ * SAMPLE_BYTES
 
 
@@ -41,6 +44,7 @@ class StopSpotter:
         self._deaf_until = 0  # bytes of the utterance, after a stop
         self._is_closed = False
         self._window_began_s: float | None = None
+        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="lupin-stop-spotter", daemon=True)
         self._thread.start()
 
@@ -63,20 +67,30 @@ class StopSpotter:
             self._word = self._utterance, word
             self._changed.notify()
 
-    @property
-    def busy_s(self) -> float:
-        """How long the recognizer has been busy with one window, in s; 0 while it waits."""
+    def require_hearing(self) -> None:
+        """Raise SpeechUnavailable if no stop would be heard: the recognizer has failed, or hangs."""
         began_s = self._window_began_s
-        return 0.0 if began_s is None else time.monotonic() - began_s
+        if self._failure is not None:
+            raise SpeechUnavailable(
+                f"no word for stopping is heard: the recognizer failed: {self._failure!r}"
+            ) from self._failure
+        if began_s is not None and time.monotonic() - began_s > MAX_WINDOW_S:
+            raise SpeechUnavailable(f"no word for stopping is heard: the recognizer has been busy for {MAX_WINDOW_S:g} s")
 
     def close(self) -> None:
-        """End the thread, after the window that it hears now."""
+        """End the thread, after the window that it hears now, for which CLOSE_TIMEOUT_S are waited."""
         with self._changed:
             self._is_closed = True
             self._changed.notify()
-        self._thread.join()
+        self._thread.join(CLOSE_TIMEOUT_S)
 
     def _run(self) -> None:
+        try:
+            self._hear()
+        except Exception as error:  # whatever a recognizer raises; the owner must not go on without a spotter
+            self._failure = error
+
+    def _hear(self) -> None:
         while (window := self._next_window()) is not None:
             number, sound, is_word = window
             self._window_began_s = time.monotonic()

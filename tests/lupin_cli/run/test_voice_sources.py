@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import os
 import threading
-from collections.abc import AsyncIterator, Callable
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +145,67 @@ def test_late_stop_does_not_hide_the_stop_of_the_next() -> None:
     asyncio.run(test())
 
 
-def test_loss_of_the_microphone_waits_for_nothing() -> None:
+@pytest.mark.parametrize("sound", [SPOKEN + PAUSE, SPOKEN * 2], ids=["recognized", "cut off"])
+def test_stop_said_just_before_the_loss_is_carried_out(sound: bytes) -> None:
+    async def test() -> None:
+        heard = Heard("stop the robot")
+        heard.problem = SpeechUnavailable("the microphone is lost")
+        with pytest.raises(SpeechUnavailable, match="the microphone is lost"):
+            await heard.hear(sound)
+        assert heard.stops == ["stop the robot"]
+
+    asyncio.run(test())
+
+
+def test_sentence_that_was_cut_off_is_no_command() -> None:
+    async def test() -> None:
+        heard = Heard("drive forward")
+        heard.problem = SpeechUnavailable("the microphone is lost")
+        with pytest.raises(SpeechUnavailable):
+            await heard.hear(SPOKEN * 2)
+        assert heard.stops == []
+
+    asyncio.run(test())
+
+
+def test_stop_that_fails_ends_the_session() -> None:
+    async def stop(_: Turn) -> None:
+        raise OSError("no answer")
+
+    async def test() -> None:
+        heard = Heard("lights blue")
+        heard.may_transcribe.clear()
+        microphone = Microphone(heard.frames(SPOKEN + PAUSE), heard, heard, stop, lambda: False)
+        turns = microphone.turns()
+        first = asyncio.ensure_future(anext(turns))
+        await until(lambda: len(heard.turns) == 2)
+        microphone._post_stop("1", "stop")
+        with pytest.raises(OSError, match="no answer"):
+            await first
+        heard.may_transcribe.set()
+
+    asyncio.run(test())
+
+
+def test_failed_spotter_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: bytes) -> str:
+        raise MemoryError("no memory")
+
+    heard = Heard("drive forward")
+    monkeypatch.setattr(heard, "transcribe_window", fail)
+    # The spotter fails beside the sound, which is heard at once: it must be noticed while there is any.
+    with pytest.raises(SpeechUnavailable, match="no memory"):
+        asyncio.run(collect(Microphone(endless(SPOKEN), heard, heard, heard.stop, lambda: False).turns()))
+
+
+def endless(sound: bytes) -> Iterator[bytes]:
+    """Yield the frames of a sound again and again, as a microphone does, but faster."""
+    while True:
+        yield from split_frames(sound)
+        time.sleep(0.001)
+
+
+def test_loss_of_the_microphone_waits_for_no_sentence() -> None:
     async def test() -> None:
         heard = Heard("turn left ninety degrees")
         heard.may_transcribe.clear()
