@@ -75,6 +75,11 @@ def reach_console(address: ConsoleAddress, consent: Consent) -> Console:
     except (ssl.SSLError, ValueError) as error:
         again = f"forget it, and pair again: {address.command('--forget')}"
         raise MalformedFile(console_file(address), None, f"the authority is no certificate; {again}") from error
+    if consent.accept and _digits(consent.accept) != _digits(fingerprint(known.root)):
+        raise AccessRefused(
+            f"{address} is known by an authority with the SHA-256 {fingerprint(known.root)}, not {consent.accept[:200]}; "
+            f"nothing was sent. If it has another one now, forget the old one: {address.command('--forget')}"
+        )
     session = asyncio.run(_read_session(address, trust, known))
     if session is None:
         known = _pair(address, consent, trust, known)

@@ -82,6 +82,14 @@ def test_changed_authority_is_refused_with_the_next_command(console: FakeConsole
     assert str(raised.value).endswith(f"lupin voice --console localhost:{console.port} --forget")
 
 
+def test_known_console_is_refused_if_another_one_is_to_be_accepted(console: FakeConsole) -> None:
+    reach_console(address_of(console), PAIRING)
+    count = len(console.requests)
+    with pytest.raises(AccessRefused, match="not AB:CD") as raised:
+        reach_console(address_of(console), replace(PAIRING, accept="AB:CD"))
+    assert len(console.requests) == count and str(raised.value).endswith("--forget")
+
+
 def test_renewed_server_certificate_is_of_the_same_authority(tmp_path: Path) -> None:
     with serve_console(tmp_path / "certificate") as console:
         reach_console(address_of(console), PAIRING)
