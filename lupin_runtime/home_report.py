@@ -23,6 +23,7 @@ FAILED = "failed"
 ESTOPPED = "e-stopped"  # the e-stop was pressed, so the arm was not moved
 OFF = "off"  # LUPIN_AUTO_HOME disables it, or somebody used the arm first
 RUNNING = (ACTIVATING, HOMING)
+UNSOLVED = (RETRYING, FAILED, ESTOPPED)  # the arm is not home
 RETRY_LIMIT_S = 60.0  # after which it is not started again: the unit has RestartSec=15, and checks its release first
 
 
@@ -38,13 +39,24 @@ class HomeReport:
 
 def write_report(state: str, reason: str = "") -> None:
     """Replace the report. Writes nothing where the unit has not run since the boot; errors of the file system are ignored."""
-    folder = Path(os.environ.get("RUNTIME_DIRECTORY") or FOLDER)
+    folder = own_folder()
     if folder.is_dir():
         with contextlib.suppress(OSError):
             write_atomically(
                 folder / NAME,
                 json.dumps({"state": state, "reason": reason, "pid": os.getpid(), "at_s": since_boot_s()}) + "\n",
             )
+
+
+def write_left_alone(before: HomeReport | None, reason: str) -> None:
+    """Report that the arm was not moved, for this reason; what was unsolved before still is."""
+    is_unsolved = before is not None and before.state in UNSOLVED
+    write_report(*((before.state, before.reason) if before is not None and is_unsolved else (OFF, reason)))
+
+
+def own_folder() -> Path:
+    """Return the folder that auto-home's process writes to."""
+    return Path(os.environ.get("RUNTIME_DIRECTORY") or FOLDER)
 
 
 def read_report(folder: Path = FOLDER) -> HomeReport | None:

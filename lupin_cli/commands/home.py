@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
+import threading
 
 import typer
 
@@ -73,6 +75,7 @@ def command(
 
 def _home_local_run(run: str | None, arguments: tuple[str, ...], timeout_s: float) -> int:
     """Run the program in the environment of a live run on this machine; return the exit status."""
+    from lupin_runtime.arm.consent import ANSWER, QUESTION
     from lupin_runtime.stack.runs import RunError, find_live_run
 
     try:
@@ -80,16 +83,28 @@ def _home_local_run(run: str | None, arguments: tuple[str, ...], timeout_s: floa
     except RunError as error:
         echo(f"lupin home: {error}", err=True)
         return UNREACHABLE
-    process = subprocess.Popen([*PYTHON, "-u", "-m", MODULE, *arguments], env={**os.environ, **environment})
-    try:
-        return SUCCESS if process.wait(timeout_s) == 0 else FAILURE
-    except subprocess.TimeoutExpired:
+    command = [*PYTHON, "-u", "-m", MODULE, *arguments, "--ask"]
+    # As over SSH, it moves nothing once this process has ended, in whatever way.
+    pipe, variables = subprocess.PIPE, {**os.environ, **environment}
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=variables) as process:
+        assert process.stdin is not None and process.stdout is not None
+        watchdog = threading.Timer(timeout_s, process.kill)
+        watchdog.start()
+        try:
+            for line in process.stdout:
+                if line.rstrip() != QUESTION:
+                    echo(line.rstrip())
+                    continue
+                with contextlib.suppress(BrokenPipeError):  # its status says why it has ended
+                    process.stdin.write(ANSWER.decode())
+                    process.stdin.flush()
+            status = process.wait(5.0)
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            is_late = not watchdog.is_alive()
+            watchdog.cancel()
+    if is_late:
         echo(f"did not finish within {timeout_s:g} s; see: lupin status", err=True)
-        return FAILURE
-    finally:
-        if process.poll() is None:
-            process.terminate()
-            try:
-                process.wait(5.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
+    return SUCCESS if status == 0 else FAILURE

@@ -97,6 +97,7 @@ class AutoHome:
         consent: Consent | None = None,
     ) -> None:
         self._limits, self._say, self._unattended, self._consent = limits or Limits(), say, unattended, consent
+        self.before = home_report.read_report(home_report.own_folder())  # what an earlier one reported
         self._monotonic_ns = node.monotonic_ns
         self._began_s = self._now_s()
         self._executor = SingleThreadedExecutor()
@@ -121,6 +122,8 @@ class AutoHome:
 
     def run(self) -> None:
         """Run all steps. Raises NotHome."""
+        if self._limits.idle_s is None:
+            home_report.write_report(home_report.ACTIVATING)
         self.activate_controllers()
         awaited = f"{graph.JOINT_STATES.name} with all four arm joints"
         self._wait(lambda: self._arm_received, self._limits.joint_states_s, awaited)
@@ -159,6 +162,8 @@ class AutoHome:
     def _wait_until_idle(self, limit_s: float) -> None:
         deadline, said = self._now_s() + self._bounded_s(limit_s), ""
         while reason := self._idle.reason(self._monotonic_ns()):
+            if not said:
+                home_report.write_left_alone(self.before, reason)  # in place of an announced motion
             if self._now_s() > deadline:
                 raise LeftAlone(f"the arm was not idle within {limit_s:g} s: {reason}")
             if reason != said:
@@ -338,8 +343,6 @@ def main(arguments: list[str]) -> int:
         print("LUPIN_AUTO_HOME disables auto-home: the arm is not moved")
         return SUCCESS
     began_s = time.monotonic()
-    if options.when_idle is None:
-        home_report.write_report(home_report.ACTIVATING)
 
     def say(line: str) -> None:
         print(f"{time.monotonic() - began_s:6.1f} s  {line}", flush=True)
@@ -353,7 +356,7 @@ def main(arguments: list[str]) -> int:
         home.run()
     except NotHome as reason:
         print(reason, file=sys.stderr)
-        return _report_failure(reason, options.unattended)
+        return _report_failure(reason, options.unattended, home.before)
     except ExternalShutdownException:
         home_report.write_report(home_report.FAILED, "auto-home was stopped before the arm was home")
         print("stopped before the arm was home", file=sys.stderr)
@@ -366,11 +369,11 @@ def main(arguments: list[str]) -> int:
     return SUCCESS
 
 
-def _report_failure(reason: NotHome, unattended: bool) -> int:
+def _report_failure(reason: NotHome, unattended: bool, before: home_report.HomeReport | None = None) -> int:
     """Write why the arm was not sent home; return the exit status. systemd tries again, unless that is ESTOPPED."""
     if isinstance(reason, LeftAlone):
         # The arm is in somebody's hands, who needs no help, or nobody waits for it.
-        home_report.write_report(home_report.OFF, str(reason))
+        home_report.write_left_alone(before, str(reason))
         return ESTOPPED if unattended else FAILURE
     if isinstance(reason, Estopped):
         home_report.write_report(home_report.ESTOPPED, str(reason))

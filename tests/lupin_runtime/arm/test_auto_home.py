@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -316,6 +317,34 @@ def test_lupin_home_moves_the_arm_of_a_live_run(graph_host: GraphHost, tmp_path:
     lines = [line.partition(" s  ")[2] for line in home.stdout.splitlines()]
     assert "found: pid_wheels_controller is inactive" in lines and lines[-1] == "arm: sent"
     assert manager.states["pid_wheels_controller"] == "active" and manager.presets == ["home"]
+
+
+@pytest.mark.graph
+def test_arm_is_not_moved_after_the_command_was_killed(
+    graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from std_msgs.msg import String
+
+    from lupin_runtime.stack.dds import GRAPH_VARIABLES
+    from lupin_runtime.stack.runs import create_run
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    run, lock = create_run()
+    run.write_info({"environment": {name: os.environ[name] for name in GRAPH_VARIABLES if name in os.environ}})
+    manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
+    status = {"holder": "jogging", "moving": False, "limp": False}
+    publisher = manager.node.publisher(graph.ARM_STATUS)
+    manager.node.create_timer(0.1, lambda: publisher.publish(String(data=json.dumps(status))))
+    command = [sys.executable, "-m", "lupin_cli.app", "home", "--local", "--when-idle"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as home:
+        assert home.stdout is not None
+        assert any("waiting until the arm is idle" in line for line in home.stdout)
+        (program,) = psutil.Process(home.pid).children()
+        home.kill()
+        status["holder"] = ""
+        graph_host.until(lambda: not program.is_running() or program.status() == psutil.STATUS_ZOMBIE, what="the program's end")
+    os.close(lock)
+    assert manager.presets == []
 
 
 @pytest.mark.graph

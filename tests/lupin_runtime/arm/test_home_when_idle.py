@@ -107,6 +107,33 @@ def test_arm_that_somebody_has_reserved_is_left_alone(graph_host: GraphHost) -> 
     node.destroy_node()
 
 
+def test_motion_is_announced_only_while_it_is_about_to_begin(
+    graph_host: GraphHost, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    home_report.write_report(home_report.FAILED, "no controller")
+    rig = Rig(graph_host, idle_s=30.0)
+    written: list[str] = []
+    monkeypatch.setattr(home_report, "write_report", lambda state, _="": written.append(state))
+    rig.use_while_it_settles()
+    with graph_host.clock.real():
+        rig.home.run()
+    again = written[written.index(home_report.HOMING) :]
+    assert again == [home_report.HOMING, home_report.FAILED, home_report.HOMING], "still unsolved while somebody uses the arm"
+    rig.close()
+
+
+@pytest.mark.parametrize("before", [home_report.FAILED, home_report.ESTOPPED, home_report.HOME])
+def test_arm_that_is_left_alone_hides_no_earlier_failure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, before: str) -> None:
+    from lupin_runtime.arm import auto_home
+
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    auto_home._report_failure(auto_home.LeftAlone("it jogs"), False, home_report.HomeReport(before, "no controller"))
+    found = home_report.read_report(tmp_path)
+    expected = (home_report.OFF, "it jogs") if before == home_report.HOME else (before, "no controller")
+    assert found is not None and (found.state, found.reason) == expected
+
+
 @pytest.mark.parametrize(
     ("reason", "unattended", "status", "report"),
     [
