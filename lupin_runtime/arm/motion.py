@@ -136,13 +136,13 @@ class ArmMotion:
         """Hold the present pose if a stop waits for feedback; call it a few times per second."""
         with self._lock:
             state, waited_s = self.state(fresh=True, max_age_s=HOLD_FRESH_S), (self._clock_ns() - self._hold_due_ns) / 1e9
-            is_of_now = state is not None and state.received_ns >= self._hold_from_ns
+            is_of_now = state is not None and state.received_ns > self._hold_from_ns
             if self._hold_due and self.torque is not False and (is_of_now or not 0 <= waited_s < HOLD_WAIT_S):
                 with suppress(Refused):
                     self.pin(FRESH_S)
 
     def _hold_soon(self, max_age_s: float = HOLD_FRESH_S) -> None:
-        """Hold the arm as soon as there is feedback of now, which is at most `max_age_s` older than this call."""
+        """Hold the arm as soon as there is feedback of now, which is less than `max_age_s` older than this call."""
         now_ns = self._clock_ns()
         self._hold_due_ns = self._hold_due_ns if self._hold_due else now_ns
         self._hold_due, self._hold_from_ns = True, now_ns - int(max_age_s * 1e9)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from rclpy.clock import Clock, ClockType
 
 from lupin_runtime.ros.goal_canceler import MOVING_ACTIONS, GoalCanceler
 from lupin_runtime.ros.system_programs import SystemPrograms
 from lupin_runtime.slam.parameters import TABLE
 
 _NOT_IN_SLAM_TOOLBOX = ("session_file",)
-CANCEL_S, CANCEL_PERIOD_S = 20.0, 0.2  # the servers of the actions may be discovered late
+CANCEL_S = 20.0  # the servers of the actions may be discovered late
 
 
 def toolbox_parameters(simulated_time: bool, map_update_interval_s: float) -> dict[str, Any]:
@@ -34,14 +33,12 @@ class ToolboxEngine(SystemPrograms):
         interval_s = given.pop("map_update_interval", next(r.default for r in TABLE if r.name == "map_update_interval"))
         super().__init__("toolbox_engine", toolbox_parameters(self.simulated_time, interval_s), {}, given)
         self._canceler, self._until, self._began_ns = GoalCanceler(self, MOVING_ACTIONS), Time(), self.monotonic_ns()
-        self._timer = self.create_timer(
-            CANCEL_PERIOD_S, self._cancel_older_goals, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
 
-    def _cancel_older_goals(self) -> None:
+    def _step(self) -> None:
+        super()._step()
+        if self.monotonic_ns() - self._began_ns > CANCEL_S * 1e9:
+            return
         if self._until == Time():
             self._until = self.get_clock().now().to_msg()  # zero before the first message of a simulation's clock
         if self._until != Time():
             self._canceler.cancel_all(self._until)
-        if self.monotonic_ns() - self._began_ns > CANCEL_S * 1e9:
-            self._timer.cancel()

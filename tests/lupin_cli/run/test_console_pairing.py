@@ -82,7 +82,7 @@ def test_changed_authority_is_refused_with_the_next_command(console: FakeConsole
     assert str(raised.value).endswith(f"lupin voice --console localhost:{console.port} --forget")
 
 
-def test_known_console_is_refused_if_another_one_is_to_be_accepted(console: FakeConsole) -> None:
+def test_known_console_is_refused_if_another_is_accepted(console: FakeConsole) -> None:
     reach_console(address_of(console), PAIRING)
     count = len(console.requests)
     with pytest.raises(AccessRefused, match="not AB:CD") as raised:

@@ -149,9 +149,14 @@ def test_late_stop_does_not_hide_the_stop_of_the_next() -> None:
 def test_stop_said_just_before_the_loss_is_carried_out(sound: bytes) -> None:
     async def test() -> None:
         heard = Heard("stop the robot")
+        heard.may_transcribe.clear()
         heard.problem = SpeechUnavailable("the microphone is lost")
+        microphone = Microphone(heard.frames(sound), heard, heard, heard.stop, lambda: False)
+        turns = asyncio.ensure_future(collect(microphone.turns()))
+        await until(microphone._lost.done)
+        heard.may_transcribe.set()
         with pytest.raises(SpeechUnavailable, match="the microphone is lost"):
-            await heard.hear(sound)
+            await turns
         assert heard.stops == ["stop the robot"]
 
     asyncio.run(test())
@@ -191,11 +196,13 @@ def test_failed_spotter_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> Non
     def fail(_: bytes) -> str:
         raise MemoryError("no memory")
 
-    heard = Heard("drive forward")
-    monkeypatch.setattr(heard, "transcribe_window", fail)
-    # The spotter fails beside the sound, which is heard at once: it must be noticed while there is any.
-    with pytest.raises(SpeechUnavailable, match="no memory"):
-        asyncio.run(collect(Microphone(endless(SPOKEN), heard, heard, heard.stop, lambda: False).turns()))
+    async def test() -> None:
+        heard = Heard("drive forward")
+        monkeypatch.setattr(heard, "transcribe_window", fail)
+        with pytest.raises(SpeechUnavailable, match="no memory"):
+            await collect(Microphone(endless(SPOKEN), heard, heard, heard.stop, lambda: False).turns())
+
+    asyncio.run(test())
 
 
 def endless(sound: bytes) -> Iterator[bytes]:

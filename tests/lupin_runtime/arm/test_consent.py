@@ -28,7 +28,7 @@ def answered(*data: bytes) -> tuple[Consent, int]:
 def test_answer_counts_whole_and_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert answered(ANSWER)[0].is_given()
     assert answered(ANSWER[:2], ANSWER[2:])[0].is_given()
-    for wrong in (b"", b"y", b"no\n", ANSWER * 2, b"x" * 100_000):
+    for wrong in (b"", b"y", b"no\n", ANSWER * 2, b"x" * 1000):
         assert not answered(wrong)[0].is_given()
     assert capsys.readouterr().out.splitlines()[0] == QUESTION
 
