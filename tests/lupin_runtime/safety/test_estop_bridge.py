@@ -203,7 +203,7 @@ def test_console_server_engages_and_its_exit_changes_nothing(graph_host: GraphHo
 def test_press_and_release_without_a_bridge_engages_the_next_one(graph_host: GraphHost) -> None:
     from lupin_runtime.safety.node import EstopWitness
 
-    graph_host.add(EstopWitness())
+    graph_host.add(EstopWitness({"listen_s": 0.0}))  # it has listened
     first = bridge(graph_host)
     probe = Probe(graph_host)
     graph_host.remove(first)
@@ -224,7 +224,7 @@ def test_press_and_release_without_a_bridge_engages_the_next_one(graph_host: Gra
 def test_new_bridge_engages_if_the_button_fell_silent_before(graph_host: GraphHost) -> None:
     from lupin_runtime.safety.node import EstopWitness
 
-    graph_host.add(EstopWitness())
+    graph_host.add(EstopWitness({"listen_s": 0.0}))  # it has listened
     first = bridge(graph_host)
     probe = Probe(graph_host)
     missed: list[bool] = []
@@ -250,7 +250,7 @@ def test_stop_of_a_lost_console_survives_its_bridge(graph_host: GraphHost) -> No
 
     from lupin_runtime.safety.node import EstopWitness
 
-    graph_host.add(EstopWitness())
+    graph_host.add(EstopWitness({"listen_s": 0.0}))  # it has listened
     first = bridge(graph_host)
     probe = Probe(graph_host)
     missed: list[bool] = []
