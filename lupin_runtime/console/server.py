@@ -14,14 +14,14 @@ from pathlib import Path
 
 from aiohttp import web
 
-from lupin_runtime.console.api_table import SESSION
+from lupin_runtime.console.api_table import SESSION, Handler
 from lupin_runtime.console.authority import Role, Session
 from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
 from lupin_runtime.console.certificate import ServerCertificate
 from lupin_runtime.console.connection import Connections, Handoff
 from lupin_runtime.console.dual_port import DualPort
 from lupin_runtime.console.listeners import listen
-from lupin_runtime.console.origin import MAX_CLIENTS, Handler, Origin
+from lupin_runtime.console.origin import MAX_CLIENTS, Origin
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.ports import PortInUse, owner_of
 from lupin_runtime.console.request_rules import host_name, is_loopback
