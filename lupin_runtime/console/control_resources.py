@@ -94,10 +94,10 @@ class ControlResources:
         if presses is not None and not (isinstance(presses, list) and all(isinstance(each, str) for each in presses)):
             raise web.HTTPBadRequest(text="presses must be a list of texts\n")
         if engaged:
-            self._bridge.stop_for(session, press_name(body.get("press")))
+            self._bridge.manual.stop_for(session, press_name(body.get("press")))
         elif press := press_name(body.get("press")):
-            self._bridge.withdraw_for(session, press)
+            self._bridge.manual.withdraw_for(session, press)
         else:
-            self._bridge.release_for(session, presses)
+            self._bridge.manual.release_for(session, presses)
         self._push_state()
-        return web.json_response({"stop": self._bridge.stops()})
+        return web.json_response({"stop": self._bridge.manual.stops()})

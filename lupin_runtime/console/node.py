@@ -11,11 +11,12 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 
 from lupin_runtime.console.authority import Authority, Role
-from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
+from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.certificate import CertificateError, ServerCertificate
 from lupin_runtime.console.command_journal import CommandJournal
 from lupin_runtime.console.console_events import ConsoleEvent
 from lupin_runtime.console.description import ConsoleDescription, remove_description
+from lupin_runtime.console.manual_control import STOP_PERIOD_S
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.program import LUPIN
 from lupin_runtime.console.publisher_pool import UNREGISTER_AFTER_S

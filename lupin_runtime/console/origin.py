@@ -168,7 +168,7 @@ class Origin:
         """Push control, stop and who is connected to all browsers. To be called on changes and twice a second."""
         self._events.push("control", self._control.state())
         self._events.push("browsers", self._browsers())
-        self._events.push("stop", self._bridge.stops())
+        self._events.push("stop", self._bridge.manual.stops())
 
     def push_run(self, state: dict[str, Any]) -> None:
         """Push the state of the run (its stages, alarms and mission) to all browsers if it has changed."""
@@ -300,7 +300,7 @@ class Origin:
         described = None if session is None else {"name": session.name, "role": session.role.value}
         page = await asyncio.to_thread(page_version)
         return web.json_response(
-            {"session": described, "control": self._control.state(), "stop": self._bridge.stops(), "page": page}
+            {"session": described, "control": self._control.state(), "stop": self._bridge.manual.stops(), "page": page}
         )
 
     def _apply_settings(self, settings: Mapping[str, Any]) -> None:
