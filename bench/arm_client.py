@@ -9,8 +9,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -21,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from bench.bench_drive import percentiles
-from bench.bench_teleop import run_pads
-from bench.processes import child_command, kill, terminate
+from bench.bench_teleop import RESUME_S, start_pads
+from bench.processes import kill, terminate
 from lupin_runtime import graph
 from lupin_runtime.arm.library import StoredSequence, Waypoint
 from lupin_runtime.arm.messages import path_of
@@ -44,6 +42,8 @@ PAN = graph.ARM_JOINTS[0]
 SEQUENCE, WAYPOINTS, STEP_S, END_RAD = "bench", 800, 0.05, 1.4
 START_RAD = 1.3  # the pan's angle before it is jogged to the other side
 HOLD_S, REST_S = 0.25, 0.35
+SPEED_WINDOW_S = 0.2
+MOTION_SEEN_S = SPEED_WINDOW_S + 0.1  # a motion that has just begun shows in the speed after this time
 MOVING_RADPS = 0.05
 AT_REST_RAD = 0.005
 WATCH_S = 3.5  # for a motion that goes on, or that a restarted process resumes
@@ -74,7 +74,7 @@ class ArmClient(GraphClient):
         self.node.subscription(graph.JOINT_STATES, self._on_joints, qos=graph.Qos(reliable=False, depth=50))
         self.node.subscription(graph.ARM_JOG, on_jog)
         self.node.subscription(graph.ARM_TRAJECTORY, on_trajectory)
-        self.process = self._start_pads()
+        self.process = start_pads(pads)
         self.start()
         self.pads.plug(PAD, pad_ids.XBOX_USB)
         self.until(lambda: self.pans, "joint states")
@@ -82,15 +82,10 @@ class ArmClient(GraphClient):
         time.sleep(2 * SETTLE_S)
         self.release()
 
-    def _start_pads(self) -> subprocess.Popen[Any]:
-        folders = {"devices": self.pads.devices, "sysfs": self.pads.sysfs, "maps": self.pads.maps}
-        command = child_command(run_pads, **{name: str(folder) for name, folder in folders.items()})
-        return subprocess.Popen(command, stdout=sys.stderr, start_new_session=True)
-
     def restart_pads(self) -> None:
         """Replace the pad's process by a new one, to which the pad is at rest."""
         kill(self.process)
-        self.process = self._start_pads()
+        self.process = start_pads(self.pads)
         time.sleep(3 * SETTLE_S)
         self.release()
 
@@ -123,14 +118,14 @@ class ArmClient(GraphClient):
             self.press(code, 0)
 
     def speed_radps(self) -> float:
-        """Return the pan's speed over the last 0.2 s."""
+        """Return the pan's speed over the last SPEED_WINDOW_S."""
         last = self.pans[-1]
-        first = next((row for row in reversed(self.pans) if row[0] <= last[0] - 0.2), self.pans[0])
+        first = next((row for row in reversed(self.pans) if row[0] <= last[0] - SPEED_WINDOW_S), self.pans[0])
         return abs(last[1] - first[1]) / max(last[0] - first[0], 1e-3)
 
     def wait_for_rest(self) -> None:
         """Wait until the pan has been at rest for a moment."""
-        time.sleep(0.3)
+        time.sleep(MOTION_SEEN_S)
         self.until(lambda: self.speed_radps() < 0.01, "an arm at rest")
 
     def move_to_start(self) -> None:
@@ -254,7 +249,7 @@ def _rest_of_pads(client: ArmClient, number: signal.Signals) -> float:
     if number == signal.SIGSTOP:
         count = len(client.jogs)
         os.kill(client.process.pid, signal.SIGCONT)  # its pad is still held, but was not read for too long
-        time.sleep(1.0)
+        time.sleep(RESUME_S)
         client.resumed += len(client.jogs) - count
     client.restart_pads()
     return rest_s

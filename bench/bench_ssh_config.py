@@ -17,6 +17,7 @@ from pathlib import Path
 from bench.runner import Count, Figures, Seed, benchmark, note
 from lupin_cli.connection import ssh_client, ssh_config
 from lupin_cli.connection.base import SshConfigUnusable
+from lupin_cli.connection.ssh_config_words import ConfigError, parse_hop
 
 HOSTS = ("robot", "pot-1", "pot-2.farm.example", "10.42.0.1", "FE80::1", "Gate", "a_b")
 _VALUES: dict[str, tuple[str, ...]] = {
@@ -137,7 +138,7 @@ def by_reader(path: Path, host: str, user: str, port: int) -> dict[str, list[str
         found = dict(ssh_config.read(host, user, port, path, None, Path.home(), lambda _: None))
     except ssh_config.NeedsClient:
         return None
-    except ssh_config.ConfigError as error:
+    except ConfigError as error:
         return str(error)
     return _comparable(found)
 
@@ -178,7 +179,7 @@ def _comparable(found: dict[str, list[str]]) -> dict[str, list[str]]:
     result["identityfile"] = [] if identities[:1] == ["~/.ssh/id_rsa"] else identities
     result["certificatefile"] = found.get("certificatefile", [])
     jumps = found.get("proxyjump", [])
-    result["proxyjump"] = [str(ssh_config.parse_hop(hop)) for jump in jumps for hop in jump.split(",")]
+    result["proxyjump"] = [str(parse_hop(hop)) for jump in jumps for hop in jump.split(",")]
     return result
 
 

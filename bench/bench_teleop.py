@@ -36,6 +36,10 @@ from tests.support.pad_events import axis, key
 
 PAD = "event5"
 STEP_S = 0.053  # between two changes of the stick
+REST_S = 0.5  # the drive bus requires this long a rest after a lock
+STEADY_S = 0.3  # until the drive bus has accelerated, and until its last messages have arrived
+ENDED_S = 1.5  # longer than any limit of an end, so that the motion has ended, or goes on
+RESUME_S = 1.0  # within which a node that was stopped and continued would move the robot again
 TIMEOUT_S = 20.0
 BUTTON_PERIOD_S = 0.1
 # Turning left, at speeds between which the drive bus's limit of the acceleration does not matter.
@@ -47,6 +51,13 @@ def run_pads(devices: str, sysfs: str, maps: str) -> int:
     from lupin_runtime.teleop.node import PadTeleop
 
     return run([lambda: PadTeleop({"devices": devices, "sysfs": sysfs, "maps": maps})])
+
+
+def start_pads(pads: FakePads) -> subprocess.Popen[Any]:
+    """Start a process with the node of the gamepads."""
+    folders = {"devices": pads.devices, "sysfs": pads.sysfs, "maps": pads.maps}
+    command = child_command(run_pads, **{name: str(folder) for name, folder in folders.items()})
+    return subprocess.Popen(command, stdout=sys.stderr, start_new_session=True)
 
 
 class PadRig:
@@ -70,9 +81,7 @@ class PadRig:
 
     def start_node(self) -> None:
         """Start the node of the gamepads."""
-        folders = {"devices": self.fake.devices, "sysfs": self.fake.sysfs, "maps": self.fake.maps}
-        command = child_command(run_pads, **{name: str(folder) for name, folder in folders.items()})
-        self.node = subprocess.Popen(command, stdout=sys.stderr, start_new_session=True)
+        self.node = start_pads(self.fake)
 
     def end_node(self) -> None:
         """End the node of the gamepads."""
@@ -93,11 +102,11 @@ class PadRig:
         while time.monotonic() < deadline:
             start = len(self.sink)
             self.press(0)
-            time.sleep(0.5)  # at rest: the drive bus requires it after a lock
+            time.sleep(REST_S)
             self.turn(RAW_VALUES[0])
             self.press(1)
             if self._has_moved_since(start):
-                time.sleep(0.3)
+                time.sleep(STEADY_S)
                 return
         raise SystemExit(f"not measured: the sink did not move within {TIMEOUT_S:g} s")
 
@@ -115,11 +124,11 @@ class PadRig:
         self.drive()
         began_ns = time.time_ns()
         action()
-        time.sleep(1.5)
+        time.sleep(ENDED_S)
         moved_ns = max(time_ns for time_ns, twist in self.sink if twist != ZERO)
         zeros = [time_ns for time_ns, twist in self.sink if time_ns > moved_ns and twist == ZERO]
         if not zeros:
-            raise SystemExit("not measured: the sink still moves after 1.5 s")
+            raise SystemExit(f"not measured: the sink still moves after {ENDED_S:g} s")
         return (zeros[0] - began_ns) / 1e6
 
 
@@ -138,7 +147,7 @@ def measure_latency(rig: PadRig, samples: int) -> dict[str, float]:
         sent_ns[velocity.yaw] = time.time_ns()
         rig.turn(raw)
         time.sleep(max(0.0, start + (index + 1) * STEP_S - time.monotonic()))
-    time.sleep(0.3)
+    time.sleep(STEADY_S)
     first: dict[float, int] = {}
     for time_ns, twist in rig.sink:
         first.setdefault(twist.yaw, time_ns)
@@ -169,7 +178,7 @@ def measure_ends(rig: PadRig, rounds: int) -> tuple[dict[str, dict[str, float]],
         count = len(rig.sink)
         rig.turn(RAW_VALUES[-1])  # waits in the pipe
         signal_node(signal.SIGCONT)
-        time.sleep(1.0)
+        time.sleep(RESUME_S)
         resumed += sum(twist != ZERO for _, twist in rig.sink[count:])
         times["killed"].append(rig.time_to_zero_ms(lambda: signal_node(signal.SIGKILL)))
         assert rig.node is not None

@@ -213,7 +213,7 @@ _CONSOLE_AND_VOICE = (
     KnownFault(54, "Without a key the assistant invents its responses; goals relative to the robot are lost."),
     KnownFault(55, "A limit for short manual moves is applied to navigation.", "lupin_runtime/voice/tools.py",
         ("tests/lupin_runtime/voice/test_envelope.py::test_limits_of_a_burst_do_not_apply_to_navigation",)),
-    KnownFault(58, "The served page was built before the last change.", "lupin_runtime/console/origin.py",
+    KnownFault(58, "The served page was built before the last change.", "lupin_runtime/console/page_files.py",
         ("tests/lupin_runtime/console/test_origin.py::test_installed_page_is_served_and_only_its_assets_are_cached",)),
 )
 # fmt: on

@@ -6,14 +6,11 @@ from collections.abc import Iterable, Iterator
 
 from lupin_cli.checks import ground_truth
 from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
-from lupin_cli.checks.dds_environment import domains_in_use, misleading_variables
 from lupin_cli.checks.findings import NEED_VENDOR, OVER_GRAPH, make_finding
 from lupin_cli.checks.layers import DRIVE, EVERYTHING, LUPIN
 from lupin_cli.checks.path_fixes import laptop_addresses_near_robot
-from lupin_cli.checks.remote_command import command_on_robot, remove_assignments
+from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.addresses import ADDRESSES
-from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
-from lupin_cli.facts.shell import SHELL
 from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
 from lupin_cli.facts.units import UNIT_STATES, VENDOR, Unit, Units, admits
 from lupin_cli.facts.versions import VERSIONS
@@ -21,8 +18,7 @@ from lupin_cli.systemd.units import AUTO_HOME, CAMERAS, LUPIN_UNITS, ONBOARD
 
 JOURNAL_LINES = 4
 MASKED = ("masked", "masked-runtime")
-_UNIT_DOWN = ("unit-failed", "unit-start-limit", "unit-restarting", "unit-not-running", "unit-starting")
-_OF_ENVIRONMENT = ("rmw-mismatch", "process-multicast-only", "shell-other-graph")
+UNIT_DOWN = ("unit-failed", "unit-start-limit", "unit-restarting", "unit-not-running", "unit-starting")
 # Units of others without which the robot does not work after a boot → what the operator then misses.
 NEEDED_AT_BOOT = {
     VENDOR: "no controllers, no lidar, no battery state, no discovery server",
@@ -33,51 +29,12 @@ START_S = 30.0  # a supervisor gives up after this long without readiness
 MANY_RESTARTS = 3  # a service that was restarted this many times since boot will fail again
 
 
-def _unit_evidence(snapshot: Snapshot, unit: Unit) -> tuple[str, ...]:
+def unit_evidence(snapshot: Snapshot, unit: Unit) -> tuple[str, ...]:
     """Return the unit's state and its last lines in the system journal."""
     journal = snapshot.robot_fact(SYSTEM_JOURNAL)
     name = unit.name.removesuffix(".service")
     lines = [line.line for line in (journal.units if journal else ()) if name in line.raw]
     return unit.line(), *lines[-JOURNAL_LINES:]
-
-
-def find_unit_environment(snapshot: Snapshot) -> Iterator[Finding]:
-    """A unit's files set a variable with which its processes join another graph, or cannot start."""
-    units, domains = snapshot.robot_fact(UNIT_STATES), _domains_of_laptop(snapshot)
-    for name in (VENDOR, ONBOARD):
-        unit = units.get(name) if units is not None else None
-        found = misleading_variables(unit.environment, domains) if unit is not None else {}
-        if unit is None or not found:
-            continue
-        files = [file for each in found for file in unit.files_setting(each, unit.environment[each])]
-        yield make_finding(
-            "unit-environment",
-            where="robot",
-            severity=_severity_in_effect(snapshot),
-            cause="; ".join(f"{name} sets {each}={unit.environment[each]}: {reason}" for each, reason in found.items()),
-            evidence=(
-                *(f"systemctl show -p Environment {name}: {each}={unit.environment[each]}" for each in found),
-                *(f"set by: {file}" for file in dict.fromkeys(files)),
-                *_unit_evidence(snapshot, unit),
-            ),
-            **remove_assignments(snapshot, unit, found),
-            explains={*_OF_ENVIRONMENT, *(f"{id}:{name}" for id in _UNIT_DOWN)}
-            | (NEED_VENDOR | {"vendor-service-down"} if name == VENDOR else {"bus-locked"}),
-            about=name,
-            breaks=(EVERYTHING,) if name == VENDOR else (LUPIN, DRIVE),
-        )
-
-
-def _domains_of_laptop(snapshot: Snapshot) -> frozenset[int] | None:
-    """Return the DDS domains of the laptop's programs and of this shell; None if that of the shell is not known."""
-    shell = snapshot.laptop.get(SHELL)
-    return None if shell is None else domains_in_use(snapshot.laptop) | {shell.domain}
-
-
-def _severity_in_effect(snapshot: Snapshot) -> Severity:
-    """Return the severity of a variable that leads to another graph: while all data arrives, it has no effect yet."""
-    works = ground_truth.measure(snapshot).state is ground_truth.State.HEALTHY
-    return Severity.WARNING if works else Severity.PROBLEM
 
 
 def find_vendor_down(snapshot: Snapshot) -> Iterator[Finding]:
@@ -111,7 +68,7 @@ def find_vendor_down(snapshot: Snapshot) -> Iterator[Finding]:
         "vendor-service-down",
         where="robot",
         cause=cause,
-        evidence=_unit_evidence(snapshot, unit) if unit is not None else (f"{VENDOR}: LoadState=not-found",),
+        evidence=unit_evidence(snapshot, unit) if unit is not None else (f"{VENDOR}: LoadState=not-found",),
         command=command,
         playbook=playbook,
         explains=NEED_VENDOR,
@@ -143,7 +100,7 @@ def find_frozen_units(snapshot: Snapshot) -> Iterator[Finding]:
                 command=command_on_robot(snapshot, f"sudo systemctl thaw {unit.name}"),
                 explains=OVER_GRAPH | {"board-wedged", "bus-locked", "estop-engaged", "unit-restarting", "zombie-process"},
                 about=unit.name,
-                breaks=_lost_with(unit.name),
+                breaks=lost_with(unit.name),
             )
 
 
@@ -160,45 +117,15 @@ def find_restricted_units(snapshot: Snapshot) -> Iterator[Finding]:
                 cause=f"{unit.name} may not use the network: {'; '.join(limits)}",
                 evidence=(*limits, *(f"set by one of: {file}" for file in files.split())),
                 command=command_on_robot(snapshot, f"grep -nE 'IPAddress|PrivateNetwork|AddressFamilies' {files}"),
-                explains=OVER_GRAPH | {"udp-lost", *(f"{id}:{unit.name}" for id in _UNIT_DOWN)},
+                explains=OVER_GRAPH | {"udp-lost", *(f"{id}:{unit.name}" for id in UNIT_DOWN)},
                 about=unit.name,
-                breaks=_lost_with(unit.name),
+                breaks=lost_with(unit.name),
             )
 
 
-def _lost_with(unit: str) -> tuple[str, ...]:
+def lost_with(unit: str) -> tuple[str, ...]:
     """Return the parts whose data is lost if a unit does not work."""
     return {VENDOR: (EVERYTHING,), ONBOARD: (LUPIN, DRIVE)}.get(unit, ())
-
-
-def find_process_environment(snapshot: Snapshot) -> Iterator[Finding]:
-    """Processes of the robot have a variable with which they join another graph, wherever it was set."""
-    units, domains = snapshot.robot_fact(UNIT_STATES), _domains_of_laptop(snapshot)
-    by_unit: dict[str, list[tuple[RosProcess, dict[str, str]]]] = {}
-    for process in snapshot.robot_fact(ROS_PROCESSES) or ():
-        unit = process.group.rpartition("/")[2]
-        found = misleading_variables(process.environment, domains)
-        found.pop("RMW_IMPLEMENTATION", None)  # a finding of its own
-        if found and unit in (VENDOR, ONBOARD) and not process.is_server:
-            by_unit.setdefault(unit, []).append((process, found))
-    for unit, members in by_unit.items():
-        in_file = units.get(unit) if units is not None else None
-        if in_file is not None and misleading_variables(in_file.environment, domains):
-            continue  # the unit's files set it: a finding of its own
-        process, found = members[0]
-        yield make_finding(
-            "process-environment",
-            where="robot",
-            severity=_severity_in_effect(snapshot),
-            cause="; ".join(f"processes of {unit} have {name}={process.environment[name]}: {found[name]}" for name in found),
-            evidence=[each.line(*reasons) for each, reasons in members[:4]],
-            command=command_on_robot(
-                snapshot, f"grep -nE '{'|'.join(found)}' ~/.mirte_settings.sh ~/.bashrc ~/.profile /etc/environment"
-            ),
-            explains={*_OF_ENVIRONMENT, *(NEED_VENDOR if unit == VENDOR else {"bus-locked"})},
-            about=unit,
-            breaks=_lost_with(unit),
-        )
 
 
 def find_unit_faults(snapshot: Snapshot) -> Iterator[Finding]:
@@ -232,7 +159,7 @@ def _unit_faults(snapshot: Snapshot, units: Units, unit: Unit) -> Iterator[Findi
     broken = ground_truth.measure(snapshot).state is ground_truth.State.BROKEN
     if unit.enabled in MASKED or unit.load == "masked":
         cause, command = f"{name} is masked: systemd cannot start it", f"sudo systemctl unmask {name}"
-        yield _unit_not_enabled(snapshot, unit, cause, _unit_evidence(snapshot, unit), command)
+        yield _unit_not_enabled(snapshot, unit, cause, unit_evidence(snapshot, unit), command)
     elif unit.load in UNUSABLE and not unit.running:
         cause = f"systemd cannot use {unit.path or name} ({unit.load}): it has an unknown or wrong setting"
         yield _unit_down(
@@ -280,7 +207,7 @@ def _failed_oneshot(snapshot: Snapshot, unit: Unit) -> Finding:
             "oneshot-failed",
             where="robot",
             cause=cause,
-            evidence=_unit_evidence(snapshot, unit),
+            evidence=unit_evidence(snapshot, unit),
             command="lupin play heal",  # it moves the arm, so `--fix` asks first
             explains={"controllers-not-active"},
             about=unit.name,
@@ -291,7 +218,7 @@ def _failed_oneshot(snapshot: Snapshot, unit: Unit) -> Finding:
         where="robot",
         symptom="the clock was not set before the stack started",
         cause=cause,
-        evidence=_unit_evidence(snapshot, unit),
+        evidence=unit_evidence(snapshot, unit),
         command=command_on_robot(snapshot, f"sudo systemctl reset-failed {unit.name}"),
         playbook="",
         about=unit.name,
@@ -323,7 +250,7 @@ def _unit_down(snapshot: Snapshot, id: str, unit: Unit, cause: str, command: str
         where="robot",
         symptom=LUPIN_UNITS[unit.name].symptom,
         cause=cause,
-        evidence=_unit_evidence(snapshot, unit),
+        evidence=unit_evidence(snapshot, unit),
         instruction=instruction,
         command="lupin play start-onboard" if by_playbook else command_on_robot(snapshot, command),
         playbook=None if by_playbook else "",
@@ -398,8 +325,6 @@ def _join_names(units: Iterable[Unit]) -> str:
 
 
 CHECKS = (
-    Check("units.environment", find_unit_environment, laptop=(SHELL, ROS_PROCESSES), robot=(UNIT_STATES, SYSTEM_JOURNAL)),
-    Check("units.processes", find_process_environment, laptop=(SHELL, ROS_PROCESSES), robot=(ROS_PROCESSES, UNIT_STATES)),
     Check("units.frozen", find_frozen_units, robot=(UNIT_STATES,)),
     Check("units.network", find_restricted_units, laptop=(ADDRESSES,), robot=(UNIT_STATES,)),
     Check("units.vendor", find_vendor_down, robot=(UNIT_STATES, SYSTEM_JOURNAL)),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lupin_cli.connection import ssh_client
 from lupin_cli.connection.base import SshConfigUnusable
-from lupin_cli.connection.ssh_config import expand, expand_path, expand_tilde, parse_hop, tokens_of
+from lupin_cli.connection.ssh_config_words import expand, expand_path, expand_tilde, parse_hop, tokens_of
 from lupin_cli.printed_commands import ssh
 
 _DESTINATION = re.compile(

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from lupin_cli.connection.ssh_config import matches_list
+from lupin_cli.connection.ssh_config_words import matches_list
 from lupin_runtime.bounded_file import is_file, read_bounded
 
 _SIGNATURES_OF_RSA = ("rsa-sha2-256", "rsa-sha2-512")  # also names of the type of an RSA key

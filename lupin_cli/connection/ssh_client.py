@@ -23,7 +23,7 @@ from pathlib import Path
 
 from lupin_cli.connection import ssh_config
 from lupin_cli.connection.base import SshConfigUnusable
-from lupin_cli.connection.ssh_config import ConfigError
+from lupin_cli.connection.ssh_config_words import ConfigError, expand_tilde, split_arguments, split_line, split_word
 from lupin_cli.terminal import echo
 
 TIMEOUT_S = 6.0  # of one `ssh -G`; a Match exec may run any program
@@ -139,9 +139,9 @@ def _ask_copies(question: _Question, ssh: str, words: Sequence[str], default_use
 def _with_home(answer: dict[str, list[str]], home: Path) -> dict[str, list[str]]:
     """Return the answer with the default known_hosts files below `home`, where ssh takes those of the password file."""
     defaults = ssh_config.DEFAULT_USER_KNOWN_HOSTS
-    of_ssh = [ssh_config.expand_tilde(each, Path(pwd.getpwuid(os.getuid()).pw_dir)) for each in defaults]
+    of_ssh = [expand_tilde(each, Path(pwd.getpwuid(os.getuid()).pw_dir)) for each in defaults]
     if answer["userknownhostsfile"] == of_ssh:
-        answer["userknownhostsfile"] = [ssh_config.expand_tilde(each, home) for each in defaults]
+        answer["userknownhostsfile"] = [expand_tilde(each, home) for each in defaults]
     return answer
 
 
@@ -217,7 +217,7 @@ class _Copies:
         """Return a complaint about copies as one about the files themselves."""
         for path, copy in sorted(self._names.items(), key=lambda item: -len(str(item[1]))):
             if found := re.match(rf"{re.escape(str(copy))}:(\d+): ", text):
-                keyword = ssh_config.split_line(copy.read_text("utf-8", "replace").split("\n")[int(found[1]) - 1])[0]
+                keyword = split_line(copy.read_text("utf-8", "replace").split("\n")[int(found[1]) - 1])[0]
                 if re.fullmatch(r"[a-z0-9]{1,40}", keyword) and keyword not in text.lower():
                     text += f" ({keyword})"
             text = text.replace(str(copy), str(path))
@@ -237,7 +237,7 @@ class _Copies:
         return copy
 
     def _line(self, line: str, where: str, folder: Path) -> str:
-        keyword, rest = ssh_config.split_line(line)
+        keyword, rest = split_line(line)
         if keyword in self._left_out:
             _say_once(f"{where}: the option {keyword} is of a later OpenSSH than the one here; it is left out")
             return ""
@@ -247,7 +247,7 @@ class _Copies:
         if keyword not in ("include", "userknownhostsfile", "identityagent"):
             return line
         try:
-            arguments = ssh_config.split_arguments(rest)
+            arguments = split_arguments(rest)
         except ValueError:
             return line
         home = self._question.home
@@ -257,14 +257,14 @@ class _Copies:
             return f"Include {' '.join(copies)}" if copies else "" if all(arguments) else line
         escaped = str(home).replace("%", "%%")
         expanded = [re.sub(r"%[%d]", lambda found: escaped if found[0] == "%d" else found[0], each) for each in arguments]
-        return " ".join([keyword, *(_quoted(ssh_config.expand_tilde(each, Path(escaped))) for each in expanded)])
+        return " ".join([keyword, *(_quoted(expand_tilde(each, Path(escaped))) for each in expanded)])
 
 
 def _criteria(rest: str) -> set[str]:
     words: set[str] = set()
     current: str | None = rest
     while current:
-        word, current = ssh_config.split_word(current)
+        word, current = split_word(current)
         words |= {(word or "").lstrip("!")}
     return words
 

@@ -178,7 +178,7 @@ class DoctorSession:
         """Measure the path to the robot's address that this shell's DDS uses; None if no check that needs it was selected."""
         if not any(check.name in PATH_CHECKS for check in self.scope.checks) or snapshot.link is None:
             return None
-        from lupin_cli.link.path import measure_from
+        from lupin_cli.link.path_measurement import measure_from
 
         address = self._dds_address(snapshot)
         if not address.replace(".", "").isdigit():

@@ -236,7 +236,7 @@ class Agent:
     def bound(self, first: int, last: int) -> dict[int, int]:
         """Return the UDP ports from `first` to `last` that other machines reach here, with the bytes that wait in each."""
         found: dict[int, int] = {}
-        for line in (_read("/proc/net/udp") or "").splitlines()[1:]:
+        for line in _read("/proc/net/udp").splitlines()[1:]:
             words = line.split()
             address, _, port = words[1].partition(":")
             number = int(port, 16)
@@ -258,14 +258,16 @@ class Agent:
 
 def _saved_rules(command: list[str]) -> list[str]:
     """Return the lines of a command that lists rules; none if it is missing, or this user may not read them."""
-    prefix = [] if os.geteuid() == 0 else ["sudo", "-n"]
+    status, lines = _output(command if os.geteuid() == 0 else ["sudo", "-n", *command])
+    return lines if status == 0 else []
+
+
+def _output(command: list[str]) -> tuple[int, list[str]]:
+    """Return the exit status of a command and the lines that it prints; -1 and none if it cannot be run."""
     with contextlib.suppress(OSError, subprocess.TimeoutExpired):
-        done = subprocess.run(
-            prefix + command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=3, env=_environment()
-        )
-        if done.returncode == 0:
-            return done.stdout.decode("utf-8", "replace").splitlines()
-    return []
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=3, env=_environment())
+        return done.returncode, done.stdout.decode("utf-8", "replace").splitlines()
+    return -1, []
 
 
 def _environment() -> dict[str, str]:
@@ -305,12 +307,7 @@ def _place_iptables(lines: list[str], tool: str = "iptables") -> list[str]:
 
 def _lines(command: list[str], *words: str) -> list[str]:
     """Return the output lines of a command that contain one of the words; none if it cannot be run."""
-    path = dict(os.environ, LC_ALL="C", PATH=os.environ.get("PATH", "") + ":/usr/sbin:/sbin")
-    with contextlib.suppress(OSError, subprocess.TimeoutExpired):
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=3, env=path)
-        lines = done.stdout.decode("utf-8", "replace").splitlines()
-        return [" ".join(line.split()) for line in lines if any(word in line for word in words)]
-    return []
+    return [" ".join(line.split()) for line in _output(command)[1] if any(word in line for word in words)]
 
 
 def _outcomes(senders: dict[int, socket.socket], ports: list[int], call: Callable[[socket.socket], object]) -> dict[int, str]:

@@ -15,6 +15,8 @@ from lupin_runtime.json_text import parse_json
 SESSION = web.RequestKey("session", Session)  # the session that sent a request
 OPENAPI_PATH = "/_api/openapi.json"
 
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
 
 @dataclass(frozen=True)
 class Resource:
@@ -25,7 +27,7 @@ class Resource:
     """
 
     path: str
-    handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    handler: Handler
     summary: str
     body: dict[str, dict[str, Any]] | None = None
     open: bool = False

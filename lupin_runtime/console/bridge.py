@@ -1,50 +1,41 @@
-"""Connects the clients to the graph: topics, services, actions, the operator lease and the stop.
+"""Connects the clients to the graph: topics, services, actions, and by way of `ManualControl` velocities and the stop.
 
 Methods are called on the event loop. Work on the graph is passed to the executor's thread, in the order of the calls; its
-errors are reported to the client as `status`. Only velocities and the combined stop are published from the event loop, because
-they must not wait behind other clients' requests.
+errors are reported to the client as `status`.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import socket
-import time
 import traceback
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
-from std_msgs.msg import String
 
 from lupin_runtime import graph
 from lupin_runtime.console import values
-from lupin_runtime.console.authority import Authority, Refused, Session
+from lupin_runtime.console.authority import Authority, Session
 from lupin_runtime.console.command_era import CommandEra, Refusal, always_valid
-from lupin_runtime.console.estop_reasons import OF_CONSOLES, EstopReasons
+from lupin_runtime.console.estop_reasons import EstopReasons
 from lupin_runtime.console.goals import ActionClientPool, GoalSender
+from lupin_runtime.console.manual_control import ManualControl
 from lupin_runtime.console.motion_watch import MotionWatch
 from lupin_runtime.console.providers import ActionProvider, ServiceProvider
 from lupin_runtime.console.publisher_pool import PublisherPool
 from lupin_runtime.console.rosapi import RosApi
 from lupin_runtime.console.run_history import RunHistory
 from lupin_runtime.console.service_calls import TIMEOUT_S, ServiceCalls
-from lupin_runtime.console.stop_registry import StopRegistry
 from lupin_runtime.console.subscription import Request
 from lupin_runtime.console.topic_hub import Receiver, TopicHub
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.ros_thread import RosThread
 from lupin_runtime.ros.type_names import absolute
 
-STOP_PERIOD_S = 0.5
 _UPKEEP_S = 0.5
-_ESTOP_DELAY_NS = 1_500_000_000  # after which the e-stop's status contains a release of the clients' stop
 # How many requests of one client may wait for the executor; beyond that the server reads nothing more from the client.
 MAX_WAITING = 200
 
@@ -95,27 +86,20 @@ class Bridge:
         self.authority = authority
         self.record = record
         self.history = history
-        authority.on_change(self._follow_control)
         self._node = node
         self._ros = RosThread(node)
         self._clients: dict[Client, _GraphResources] = {}
-        self._stops = StopRegistry()
-        self._server = f"{socket.gethostname()} {os.getpid()} {time.time_ns()}"
-        self._presses = self._releases = 0
-        self._was_stopped = False
-        self._stopped_ns = -_ESTOP_DELAY_NS  # when a client last held the stop
         self._estop = EstopReasons(node)
         self._motion = MotionWatch(node)
         self._era = CommandEra(lambda: self._estop.changes)
         now = node.get_clock().now
         self._now: values.Now = lambda: now().to_msg()
+        self.manual = ManualControl(node, authority, self._estop, self._era, record, history, self._now)
         self._topics = TopicHub(node)
         self._publishers = PublisherPool(node, unregister_after_s)
         self._services = ServiceCalls(node, self._now)
         self._action_clients = ActionClientPool(node)
         self._rosapi = RosApi(node, distribution)
-        self._stop_output = node.publisher(graph.CONSOLE_STOP)
-        self._manual_output = node.publisher(graph.CMD_VEL_MANUAL)
         # Steady time: a stopped /clock must not keep subscriptions from following their publishers.
         node.create_timer(_UPKEEP_S, self._maintain, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -127,19 +111,14 @@ class Bridge:
             ActionProvider(self._node, client.answer, self._now),
             GoalSender(self._node, client.answer, self._now, self._action_clients),
         )
-        self._stops.join(client, client.session.name, self._node.monotonic_ns())
+        self.manual.join(client)
 
     def leave(self, client: Client) -> None:
         """Remove a client and everything that it has on the graph. If it was driving, zero velocity is sent."""
         resources = self._clients.pop(client, None)
         if resources is None:
             return
-        now_ns = self._node.monotonic_ns()
-        in_control = self.authority.holds(client.session, now_ns)
-        was_driving = self._stops.leave(client, now_ns, in_control)
-        if was_driving:
-            self._send_zero()
-        self.publish_combined_stop()
+        self.manual.leave(client)
 
         def clean_up() -> None:
             with ExitStack() as steps:  # every step is carried out, whatever another one raises; the last one first
@@ -151,7 +130,7 @@ class Bridge:
 
         self._ros.run(clean_up).add_done_callback(self._log_failure)
         if not any(each.session is client.session for each in self._clients):
-            self.authority.give_up(client.session, now_ns, left=True)
+            self.authority.give_up(client.session, self._node.monotonic_ns(), left=True)
 
     def is_overloaded(self, client: Client) -> bool:
         """Return whether so many of a client's requests are waiting that nothing more should be read from it."""
@@ -305,123 +284,6 @@ class Bridge:
         """Cancel a client's goal by its id."""
         goals = self._clients[client].goals
         self._run(client, "goal", lambda: goals.cancel(identifier))
-
-    # -- driving and stopping -----------------------------------------------------------------------------------------
-    def drive(self, client: Client, twist: dict[str, dict[str, float]]) -> None:
-        """Publish a client's velocity: the parts and axes of a Twist, in m/s and rad/s."""
-        moving = any(value for axes in twist.values() for value in axes.values())
-        is_start = self._stops.note_velocity(client, moving, self._node.monotonic_ns())
-        if is_start:
-            self.publish_combined_stop()
-        self._manual_output.publish(values.fill(Twist, twist, self._now))
-        if is_start:
-            self.record(client.session.name, "drive")
-
-    def is_driven_by_others(self, client: Client) -> bool:
-        """Return whether a client other than this one is driving."""
-        return self._stops.is_driving(self._node.monotonic_ns(), except_for=client)
-
-    def set_stop(self, client: Client, engaged: bool, press: str = "") -> str:
-        """Engage a client's own stop, or let go of it, which everybody may. A page names its `press`.
-
-        A program names none: with control, which it takes if it is free, it also releases the stops that nobody holds any more.
-        Returns who has released this press meanwhile, so that it is not engaged again; otherwise an empty text.
-        """
-        now_ns = self._node.monotonic_ns()
-        held = self._stops.holds(client)
-        if held and not engaged and not press:
-            with suppress(Refused):
-                self.authority.take(client.session, now_ns)
-                self._releases += 1
-                self._stops.release_lost(client.session.name)
-        overruled_by = self._stops.set_stop(client, engaged, now_ns, press)
-        holds = self._stops.holds(client)
-        if holds != held:
-            self.publish_combined_stop()
-        self.authority.note_alive(client.session, now_ns)
-        return overruled_by
-
-    def stop_for(self, session: Session, press: str = "") -> None:
-        """Engage a stop for a session that has no connection to hold it; the session in control releases it."""
-        self._stops.hold_for(session.name, self._node.monotonic_ns(), press)
-        self.publish_combined_stop()
-
-    def release_for(self, session: Session, presses: Collection[str] | None = None) -> None:
-        """Release the stops of these presses, whoever holds them: not a newer one, which the session has not seen yet.
-
-        Without `presses`, release those that no client holds any more. Both also release the stop of a console that is gone.
-        Raises Refused without control, which is taken if it is free.
-        """
-        self.authority.take(session, self._node.monotonic_ns())
-        self.record(session.name, "release")
-        self._releases += 1
-        if presses is None:
-            self._stops.release_lost(session.name)
-        else:
-            self._stops.release(presses, session.name)
-        self.publish_combined_stop()
-
-    def withdraw_for(self, session: Session, press: str) -> None:
-        """Let go of a press that the session engaged itself, with or without control; nothing happens if it is over."""
-        if self._stops.withdraw(press, session.name):
-            self.record(session.name, "let go of its stop")
-            self.publish_combined_stop()
-
-    def stops(self) -> list[dict[str, Any]]:
-        """Return what engages the stop, for browsers: the clients' stops, then what else holds the robot.
-
-        Each has the `kind` of its cause, a `text`, and its `press`, `name` and age, which are None for a reason of the e-stop.
-        """
-        now_ns = self._node.monotonic_ns()
-        own = self._stops.reasons()
-        others = self._estop.reasons
-        if own or now_ns - self._stopped_ns < _ESTOP_DELAY_NS:
-            others = tuple(reason for reason in others if reason not in OF_CONSOLES)
-        return [
-            *(
-                {
-                    "kind": hold.kind.value,
-                    "text": hold.text,
-                    "press": hold.press,
-                    "name": hold.name,
-                    "age_s": max(0, now_ns - hold.since_ns) // 1_000_000_000,
-                }
-                for hold in own
-            ),
-            *({"kind": "robot", "text": reason, "press": None, "name": None, "age_s": None} for reason in others),
-        ]
-
-    def _follow_control(self) -> None:
-        """Stop the wheels when control has changed, before the next session begins to drive."""
-        now_ns = self._node.monotonic_ns()
-        if self._stops.end_driving(now_ns):
-            self._send_zero()
-        self._era.note_holder(self.authority.lease(now_ns).holder)
-
-    def _send_zero(self) -> None:
-        self._manual_output.publish(Twist())
-
-    def publish_combined_stop(self) -> None:
-        """Publish the combined stop of all clients. To be called every STOP_PERIOD_S."""
-        now_ns = self._node.monotonic_ns()
-        lease = self.authority.lease(now_ns)
-        self._stops.check_silence(now_ns, lease.holder, lease.since_ns)
-        engaged = bool(self._stops.reasons())
-        if engaged or self._was_stopped:
-            self._stopped_ns = now_ns
-        self._era.note_stop(engaged)
-        self._presses += engaged and not self._was_stopped
-        self._was_stopped = engaged
-        statement = {
-            "server": self._server,
-            "engaged": engaged,
-            "driving": self._stops.is_driving(now_ns),
-            "presses": self._presses,
-            "releases": self._releases,
-        }
-        self._stop_output.publish(String(data=json.dumps(statement)))
-        for event in self._stops.take_events():
-            self.history.note(event)
 
     def _maintain(self) -> None:
         self._estop.update()

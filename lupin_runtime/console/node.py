@@ -11,12 +11,14 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 
 from lupin_runtime.console.authority import Authority, Role
-from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
+from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.certificate import CertificateError, ServerCertificate
 from lupin_runtime.console.command_journal import CommandJournal
 from lupin_runtime.console.console_events import ConsoleEvent
 from lupin_runtime.console.description import ConsoleDescription, remove_description
+from lupin_runtime.console.manual_control import STOP_PERIOD_S
 from lupin_runtime.console.pairing import PairingCodes
+from lupin_runtime.console.program import LUPIN
 from lupin_runtime.console.publisher_pool import UNREGISTER_AFTER_S
 from lupin_runtime.console.run_files import last_commands
 from lupin_runtime.console.run_history import RunHistory
@@ -26,7 +28,6 @@ from lupin_runtime.mission.overrides import OVERRIDES_NAME
 from lupin_runtime.ports import CONSOLE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.stack.runs import Run, make_state_folder
-from lupin_runtime.stack.table import DOCTOR
 
 JOURNAL = "console_commands.jsonl"
 MAX_MISSED_TURNS = 6  # an event loop that misses this many turns, one every STOP_PERIOD_S, hangs
@@ -82,7 +83,7 @@ class Console(LupinNode):
             (self._host, self.parameter("port", CONSOLE_PORT)),
             (rosbridge_host, self.parameter("rosbridge_port", ROSBRIDGE_PORT)),
             certificate,
-            DOCTOR,
+            LUPIN,
             self.parameter("video_target", "") or _video_target(),
             Path(self.parameter("overrides_file", "") or folder / OVERRIDES_NAME),
             logger.warning,

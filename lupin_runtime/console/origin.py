@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import hashlib
-import math
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,16 +16,18 @@ from aiohttp import WSCloseCode, web
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console import run_files
-from lupin_runtime.console.api_table import SESSION, Resource, add_resources, json_object
+from lupin_runtime.console.api_table import SESSION, Handler, Resource, add_resources, json_object
 from lupin_runtime.console.approaches import Approaches
-from lupin_runtime.console.authority import REQUEST_TIMEOUT_S, Refused, Role, Session
+from lupin_runtime.console.authority import Refused, Role, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import Connection, Connections, Handoff
+from lupin_runtime.console.control_resources import ControlResources
 from lupin_runtime.console.description import network_urls, serves_only_this_computer, spoken
 from lupin_runtime.console.doctor import Doctor, DoctorError
 from lupin_runtime.console.doctor_resources import DoctorResources
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.maps import Maps
+from lupin_runtime.console.page_files import KEEP_FOREVER, add_page_files, index_response, is_asset, page_version
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.plays import Plays
 from lupin_runtime.console.program import LupinProgram
@@ -44,7 +44,6 @@ from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import SESSION_LIFETIME_S, Sessions
 from lupin_runtime.console.settings import settings_file, stored_settings
 from lupin_runtime.console.shared_data import SharedData
-from lupin_runtime.console.stop_registry import press_name
 from lupin_runtime.console.video import VideoRelay
 from lupin_runtime.console.voice_token import VoiceTokens
 from lupin_runtime.stack.runs import Run
@@ -56,7 +55,6 @@ COOKIE = "lupin_session"
 MAX_CLIENTS = 256
 LOCAL_SESSION = Session("this computer", Role.OPERATOR)  # the session of programs on it, which keep no cookie
 _ROOT_CERTIFICATE_PATH = "/authority.crt"
-_PAGE = Path(__file__).with_name("page")
 _WRONG_CODE_PAUSE_S = 1.0
 _CLOSE_TIMEOUT_S = 1.0
 _HEADERS = {
@@ -64,31 +62,6 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
-}
-# The names of these files hold a hash of their content.
-_ASSETS = "/page/assets/"
-_KEEP_FOREVER = "public, max-age=31536000, immutable"
-_NOT_BUILT = "the page is not built in this checkout; build it with: make setup\n"
-
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-
-
-_LEASE_BODY: dict[str, dict[str, Any]] = {
-    "action": {"enum": ["take", "request", "grant", "refuse", "give_up", "take_over"]},
-    "from": {"type": "string", "description": "for take_over: who has control, as shown to the operator"},
-}
-
-_STOP_BODY: dict[str, dict[str, Any]] = {
-    "engaged": {"type": "boolean"},
-    "press": {
-        "type": "string",
-        "description": "to stop: the name of this press, as in the page's publications; to let go of it, without control",
-    },
-    "presses": {
-        "type": "array",
-        "items": {"type": "string"},
-        "description": "to release: the presses that the operator has seen; without them, what no client holds any more",
-    },
 }
 
 
@@ -129,6 +102,7 @@ class Origin:
         self._sessions = sessions
         self._codes = codes
         self._events = EventChannel()
+        self._control = ControlResources(bridge, self.push_state)
         self._shared = SharedData(bridge, self._events, self._apply_settings)
         self._maps = Maps(bridge, run)
         self._approaches = Approaches(bridge, self._events, overrides_file)
@@ -139,8 +113,6 @@ class Origin:
         self._open: dict[Connection, Session] = {}
         self._open_paths: set[str] = set()
         self._rosbridge_count = 0  # connections so far
-        self._holder: str | None = None
-        self._since_s = 0.0  # when the holder got control, in wall-clock time for browsers
         bridge.authority.on_change(self.push_state)
         bridge.history.on_event(lambda event: self._events.push("event", event))
 
@@ -149,8 +121,7 @@ class Origin:
         application = web.Application(middlewares=[self._guard])
         application.on_startup.append(self._apply_stored_settings)
         application.router.add_get("/", self._page)
-        if _PAGE.is_dir():
-            application.router.add_static("/page/", _PAGE)
+        add_page_files(application)
         application.router.add_get("/_ros", self.serve_rosbridge)
         application.router.add_get(_ROOT_CERTIFICATE_PATH, self._send_root_certificate)
         resources = (
@@ -166,8 +137,6 @@ class Origin:
                 self._access,
                 "The page's URLs for other devices; for operators on this computer also the codes that pair one browser each.",
             ),
-            Resource("/_api/lease", self._lease, "Take, request, hand over or give up control.", _LEASE_BODY),
-            Resource("/_api/stop", self._stop, "Stop the robot, or release the stops that hold it.", _STOP_BODY),
             Resource(
                 "/_api/events",
                 self._listen,
@@ -180,6 +149,7 @@ class Origin:
             application,
             (
                 *resources,
+                *self._control.resources(),
                 *run_files.resources(),
                 *DoctorResources(self.doctor, self._bridge).resources(),
                 *self._bridge.history.resources(),
@@ -196,9 +166,9 @@ class Origin:
 
     def push_state(self) -> None:
         """Push control, stop and who is connected to all browsers. To be called on changes and twice a second."""
-        self._events.push("control", self._control())
+        self._events.push("control", self._control.state())
         self._events.push("browsers", self._browsers())
-        self._events.push("stop", self._bridge.stops())
+        self._events.push("stop", self._bridge.manual.stops())
 
     def push_run(self, state: dict[str, Any]) -> None:
         """Push the state of the run (its stages, alarms and mission) to all browsers if it has changed."""
@@ -242,8 +212,8 @@ class Origin:
         except (MalformedFile, OSError) as error:  # from the files of paired browsers, locations or settings
             response = web.json_response({"error": str(error)}, status=503)
         if not response.prepared:
-            if request.path.startswith(_ASSETS) and (_PAGE / request.path.removeprefix("/page/")).is_file():
-                response.headers.setdefault("Cache-Control", _KEEP_FOREVER)
+            if is_asset(request.path):
+                response.headers.setdefault("Cache-Control", KEEP_FOREVER)
             for name, value in _HEADERS.items():
                 response.headers.setdefault(name, value)
         return response
@@ -260,9 +230,7 @@ class Origin:
 
     # -- the page -----------------------------------------------------------------------------------------------------
     async def _page(self, request: web.Request) -> web.StreamResponse:
-        if not (_PAGE / "index.html").is_file():
-            raise web.HTTPServiceUnavailable(text=_NOT_BUILT)
-        response = web.FileResponse(_PAGE / "index.html")
+        response = index_response()
         if request.get(SESSION) is LOCAL_SESSION and opens_page(request):
             _, token = await self._pair_browser(request, Role.OPERATOR, by_itself=True)
             _set_cookie(request, response, token)
@@ -330,48 +298,10 @@ class Origin:
     async def _session(self, request: web.Request) -> web.StreamResponse:
         session = request.get(SESSION)
         described = None if session is None else {"name": session.name, "role": session.role.value}
-        page = await asyncio.to_thread(_page_version)
-        return web.json_response({"session": described, "control": self._control(), "stop": self._bridge.stops(), "page": page})
-
-    async def _lease(self, request: web.Request) -> web.StreamResponse:
-        session = request[SESSION]
-        body = await json_object(request)
-        authority, now_ns = self._bridge.authority, time.monotonic_ns()
-        action = body.get("action")
-        if action == "take":
-            authority.take(session, now_ns)
-        elif action == "request":
-            authority.request(session, now_ns)
-        elif action in ("grant", "refuse"):
-            authority.answer(session, action == "grant", now_ns)
-        elif action == "give_up":
-            authority.give_up(session, now_ns)
-        elif action == "take_over":
-            holder = authority.lease(now_ns).holder
-            if body.get("from") != holder:
-                # The operator confirmed taking control from somebody else.
-                return web.json_response({"error": f"control is with {holder or 'nobody'} now"}, status=409)
-            authority.take(session, now_ns, take_over=True)
-        else:
-            raise web.HTTPBadRequest(text="action must be one of take, request, grant, refuse, give_up, take_over\n")
-        return web.json_response(self._control())
-
-    async def _stop(self, request: web.Request) -> web.StreamResponse:
-        session = request[SESSION]
-        body = await json_object(request)
-        engaged, presses = body.get("engaged"), body.get("presses")
-        if not isinstance(engaged, bool):
-            raise web.HTTPBadRequest(text="engaged must be true or false\n")
-        if presses is not None and not (isinstance(presses, list) and all(isinstance(each, str) for each in presses)):
-            raise web.HTTPBadRequest(text="presses must be a list of texts\n")
-        if engaged:
-            self._bridge.stop_for(session, press_name(body.get("press")))
-        elif press := press_name(body.get("press")):
-            self._bridge.withdraw_for(session, press)
-        else:
-            self._bridge.release_for(session, presses)
-        self.push_state()
-        return web.json_response({"stop": self._bridge.stops()})
+        page = await asyncio.to_thread(page_version)
+        return web.json_response(
+            {"session": described, "control": self._control.state(), "stop": self._bridge.manual.stops(), "page": page}
+        )
 
     def _apply_settings(self, settings: Mapping[str, Any]) -> None:
         self._settings = settings
@@ -414,17 +344,6 @@ class Origin:
         session = request[SESSION]
         return session is LOCAL_SESSION or self._sessions.is_valid(session)
 
-    def _control(self) -> dict[str, Any]:
-        now_ns = time.monotonic_ns()
-        lease = self._bridge.authority.lease(now_ns)
-        if lease.holder != self._holder:
-            self._holder, self._since_s = lease.holder, time.time()
-        since_s = round(self._since_s) if lease.holder is not None else None
-        left_s = None
-        if lease.requester is not None:
-            left_s = max(0, math.ceil(REQUEST_TIMEOUT_S - (now_ns - lease.requested_ns) / 1e9))
-        return {"holder": lease.holder, "since_s": since_s, "requester": lease.requester, "answer_within_s": left_s}
-
     def _browsers(self) -> list[dict[str, str]]:
         """Return who is connected to this port: each session once, by name."""
         roles = {session.name: session.role.value for session in self._open.values()}
@@ -440,15 +359,6 @@ class Origin:
                 yield connection
             finally:
                 self._open.pop(connection, None)
-
-
-def _page_version() -> str:
-    """Return what tells this build of the page from others, so that an open page sees that it is outdated."""
-    try:
-        # It names all other files, whose names contain a hash of their content.
-        return hashlib.sha256((_PAGE / "index.html").read_bytes()).hexdigest()[:16]
-    except OSError:
-        return ""
 
 
 def _set_cookie(request: web.Request, response: web.StreamResponse, token: str) -> None:

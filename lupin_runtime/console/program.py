@@ -7,8 +7,10 @@ import contextlib
 from collections.abc import Sequence
 from typing import Any
 
+from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.json_text import parse_json
 
+LUPIN = (*PYTHON, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
 _STOP_TIMEOUT_S = 5.0  # before the command is killed
 
 

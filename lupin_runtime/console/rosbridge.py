@@ -185,7 +185,7 @@ class RosbridgeClient:
             authority.check_publish(self.session, graph.CMD_VEL_MANUAL.name, now_ns)
         else:
             authority.check_take(self.session, now_ns)  # a stick at rest asks for nothing, so it takes no control
-        self._bridge.drive(self, twist)
+        self._bridge.manual.drive(self, twist)
 
     def _set_stop(self, contents: Any, identifier: Any) -> None:
         """Engage the client's own stop, or let go of it, which everybody may. The `id` of a page's message names the press."""
@@ -193,7 +193,7 @@ class RosbridgeClient:
         if not isinstance(engaged, bool):
             raise InvalidRequest("std_msgs/Bool message requires a bool for field data")
         press = press_name(identifier)
-        released_by = self._bridge.set_stop(self, engaged, press)
+        released_by = self._bridge.manual.set_stop(self, engaged, press)
         if released_by:
             self.status("warning", released_by, press)
 

@@ -14,14 +14,15 @@ from pathlib import Path
 
 from aiohttp import web
 
-from lupin_runtime.console.api_table import SESSION
+from lupin_runtime.console.api_table import SESSION, Handler
 from lupin_runtime.console.authority import Role, Session
-from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
+from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.certificate import ServerCertificate
 from lupin_runtime.console.connection import Connections, Handoff
 from lupin_runtime.console.dual_port import DualPort
 from lupin_runtime.console.listeners import listen
-from lupin_runtime.console.origin import MAX_CLIENTS, Handler, Origin
+from lupin_runtime.console.manual_control import STOP_PERIOD_S
+from lupin_runtime.console.origin import MAX_CLIENTS, Origin
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.ports import PortInUse, owner_of
 from lupin_runtime.console.request_rules import host_name, is_loopback
@@ -172,7 +173,7 @@ class ConsoleServer:
 
     async def _maintain(self) -> None:
         periodic_tasks: dict[str, Callable[[], None]] = {
-            "repeating the stop": self._bridge.publish_combined_stop,
+            "repeating the stop": self._bridge.manual.publish_combined_stop,
             "replacing the pairing codes": lambda: self._codes.tick(time.monotonic_ns()),
             "pushing control and stop": self._origin.push_state,
             "disconnecting revoked browsers": self._origin.close_revoked,

@@ -114,7 +114,7 @@ class ConsoleRobot:
 
     def estop_reasons(self) -> tuple[str, ...]:
         """Return what engages the e-stop; empty if it is released."""
-        return tuple(hold["text"] for hold in self._bridge.stops())
+        return tuple(hold["text"] for hold in self._bridge.manual.stops())
 
     # -- Robot ----------------------------------------------------------------------------------------------------------
     @property
@@ -227,7 +227,7 @@ class ConsoleRobot:
     async def start_burst(self, linear_x: float, linear_y: float, angular_z: float, duration_s: float) -> None:
         """Drive with a velocity that ends by itself. Raises CommandFailed."""
         await self._require_subscriber(graph.CMD_VEL_MANUAL.name, NO_BUS)
-        if self._bridge.is_driven_by_others(self):
+        if self._bridge.manual.is_driven_by_others(self):
             raise CommandFailed(DRIVEN_BY_HAND)
         try:
             self._bridge.authority.check_publish(self.session, graph.CMD_VEL_MANUAL.name, time.monotonic_ns())
@@ -242,14 +242,14 @@ class ConsoleRobot:
 
     def engage_stop(self) -> None:
         """End the burst, and engage the stop in the name of this session's agent: whoever has control releases it."""
-        self._bridge.stop_for(Session(f"voice agent of {self.session.name}", self.session.role))
+        self._bridge.manual.stop_for(Session(f"voice agent of {self.session.name}", self.session.role))
         self._burst.end()
 
     def _burst_problem(self) -> str:
         if not self._bridge.authority.holds(self.session, time.monotonic_ns()):
             return "control was lost"
-        return DRIVEN_BY_HAND if self._bridge.is_driven_by_others(self) else self._still_valid()
+        return DRIVEN_BY_HAND if self._bridge.manual.is_driven_by_others(self) else self._still_valid()
 
     def _send_velocity(self, velocity: Velocity) -> None:
         x, y, turn = velocity
-        self._bridge.drive(self, {"linear": {"x": x, "y": y, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": turn}})
+        self._bridge.manual.drive(self, {"linear": {"x": x, "y": y, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": turn}})

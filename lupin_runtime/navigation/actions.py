@@ -18,7 +18,7 @@ from rclpy.task import Future
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.navigation.executive import Failure, Progress
+from lupin_runtime.navigation.decision import Failure, Progress
 from lupin_runtime.navigation.messages import duration_message, path_message
 from lupin_runtime.navigation.plan_worker import PlanRequest
 from lupin_runtime.navigation.planning import NoPath

@@ -19,7 +19,8 @@ from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.navigation.actions import NavigationServer, PathServer, UnusableGoal
 from lupin_runtime.navigation.costmap import BeamPoses, Costmap, GlobalCostmap, LocalCostmap
-from lupin_runtime.navigation.executive import Decision, Executive, Failure, View
+from lupin_runtime.navigation.decision import Decision, Failure, View
+from lupin_runtime.navigation.executive import Executive
 from lupin_runtime.navigation.messages import (
     costmap_message,
     goal_markers,

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
 from typing import Any
 
 from geometry_msgs.msg import Point, Point32, Pose
@@ -26,47 +24,12 @@ from lupin_runtime.perception.messages import MalformedDetections, SeenTag, read
 from lupin_runtime.perception.passive_observer import PassiveObserver
 from lupin_runtime.perception.pose_messages import transform_pose_message
 from lupin_runtime.perception.registry import KnownTag, Sighting, TagRegistry
+from lupin_runtime.perception.tag_tree import TagTransform, TagTree
 from lupin_runtime.ros import LupinNode, TransformListener, stamp_from_ns
-from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
+from lupin_runtime.transforms import Transform, TransformUnavailable
 
-# A detection and its transform travel on two topics, and the map's transform may lag behind the image's stamp.
-PAIRING_TIMEOUT_S = 1.0
 CLOCK_STEP_NS = 1_000_000_000
 SCANNING_STATES = ("INSPECTING", "MONITORING")
-
-
-@dataclass(frozen=True)
-class _TagTransform:
-    """A received `tag_<id>` transform that waits for its detection, or for the map's transform."""
-
-    stamp_ns: int
-    parent: str
-    camera_from_tag: Transform
-    arrived_ns: int
-
-
-@dataclass
-class _TagQueue:
-    """The unprocessed transforms and detections of one tag; `detections` are (arrival in ns, near enough)."""
-
-    transforms: deque[_TagTransform] = field(default_factory=lambda: deque(maxlen=32))
-    detections: deque[tuple[int, bool]] = field(default_factory=lambda: deque(maxlen=32))
-
-
-class _TagTree(TransformTree):
-    """A transform tree that also queues every tag transform: tags are placed at exactly those stamps, since between two
-    transforms of a tag the robot may have been anywhere."""
-
-    def __init__(self, prefix: str, clock: Any) -> None:
-        super().__init__()
-        self._prefix, self._clock = prefix, clock
-        self.waiting: dict[str, _TagQueue] = {}
-
-    def insert(self, parent: str, child: str, stamp_ns: int, transform: Transform, static: bool = False) -> None:
-        super().insert(parent, child, stamp_ns, transform, static)
-        if child.startswith(self._prefix):
-            received = _TagTransform(stamp_ns, parent, transform, self._clock())
-            self.waiting.setdefault(child[len(self._prefix) :], _TagQueue()).transforms.append(received)
 
 
 class PerceptionAggregator(LupinNode):
@@ -75,7 +38,7 @@ class PerceptionAggregator(LupinNode):
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("perception_aggregator", parameters)
         self._declare()
-        self._tree = _TagTree(self._prefix, self.elapsed_clock_ns)
+        self._tree = TagTree(self._prefix, self.elapsed_clock_ns)
         self._listener = TransformListener(self, self._tree)
         self._registry = TagRegistry(self._min_sightings)
         self._motion = MapMotion()
@@ -163,7 +126,7 @@ class PerceptionAggregator(LupinNode):
             near = self._max_distance_m <= 0.0 or tag.dist_m <= self._max_distance_m
             if near:  # one that is too far away is ignored
                 self._seen_ids.add(tag.id)
-            self._tree.waiting.setdefault(tag.id, _TagQueue()).detections.append((now_ns, near))
+            self._tree.note_detection(tag.id, near)
         self._process_waiting()
 
     def _on_pose(self, message: Any) -> None:
@@ -183,22 +146,10 @@ class PerceptionAggregator(LupinNode):
         if self._lost:
             self._tree.waiting.clear()
             return
-        now_ns = self.elapsed_clock_ns()
-        too_old_ns = now_ns - int(PAIRING_TIMEOUT_S * 1e9)
         self._follow_map()
-        for tag_id, waiting in self._tree.waiting.items():
-            while waiting.transforms and waiting.detections:
-                transform, (_, near) = waiting.transforms[0], waiting.detections[0]
-                if near and not self._add_sighting(tag_id, transform) and transform.arrived_ns > too_old_ns:
-                    break
-                waiting.transforms.popleft()
-                waiting.detections.popleft()
-            while waiting.transforms and waiting.transforms[0].arrived_ns <= too_old_ns:
-                waiting.transforms.popleft()
-            while waiting.detections and waiting.detections[0][0] <= too_old_ns:
-                waiting.detections.popleft()
+        self._tree.pair(self._add_sighting)
 
-    def _add_sighting(self, tag_id: str, transform: _TagTransform) -> bool:
+    def _add_sighting(self, tag_id: str, transform: TagTransform) -> bool:
         """Add one sighting to the registry; False while a transform is missing.
 
         It uses odometry at the sighting's stamp and the newest map correction: a SLAM that dates its correction ahead would

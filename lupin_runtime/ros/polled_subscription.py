@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import islice
 from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup
@@ -28,15 +29,8 @@ class PolledGroup(CallbackGroup):
 
 def take_newest(subscription: Subscription) -> Any:
     """Take what has arrived on a polled subscription; return the newest message or None."""
-    newest = None
-    handle = subscription.handle
-    with handle:
-        for _ in range(_MAX_TAKEN):
-            taken = handle.take_message(subscription.msg_type, False)
-            if taken is None:
-                break
-            newest = taken[0]
-    return newest
+    taken = _take(subscription, raw=False)
+    return taken[-1][0] if taken else None
 
 
 class Serialized(NamedTuple):
@@ -51,14 +45,14 @@ def take_newest_with(subscription: Subscription, mark: bytes) -> Serialized | No
 
     The middleware tells the time of arrival on the wall clock: call it often where a step of that clock must not matter.
     """
-    newest = None
-    handle = subscription.handle
-    with handle:
-        for _ in range(_MAX_TAKEN):
-            taken = handle.take_message(subscription.msg_type, True)
-            if taken is None:
-                break
-            newest = taken if mark in taken[0] else newest
+    newest = next((taken for taken in reversed(_take(subscription, raw=True)) if mark in taken[0]), None)
     if newest is None:
         return None
     return Serialized(newest[0], max(0.0, (time.time_ns() - newest[1]["received_timestamp"]) / 1e9))
+
+
+def _take(subscription: Subscription, raw: bool) -> list[tuple[Any, dict[str, int]]]:
+    """Take what has arrived, the oldest first: each message, serialized if `raw`, with what the middleware tells of it."""
+    handle = subscription.handle
+    with handle:
+        return list(islice(iter(lambda: handle.take_message(subscription.msg_type, raw), None), _MAX_TAKEN))

@@ -5,22 +5,17 @@ Adding a process is adding one row to TABLE.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from lupin_runtime import graph
-from lupin_runtime.interpreter import PYTHON
-from lupin_runtime.mission.overrides import OVERRIDES_NAME
 from lupin_runtime.ports import CONSOLE_PORT, FOXGLOVE_PORT, VIDEO_PORT
-from lupin_runtime.safety.expected_sources import BUTTON, CONSOLE, WITNESS
+from lupin_runtime.stack import parameters
 from lupin_runtime.stack.engines import NAV2, SLAM_TOOLBOX, Engine
 from lupin_runtime.stack.options import LAPTOP_TARGETS, ONBOARD, ROBOT, ROBOT_CAMERAS, SIM, Options
+from lupin_runtime.stack.parameters import Parameters
 from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
-
-DOCTOR = (*PYTHON, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
-
-Parameters = Mapping[str, Any]
 
 
 def _none(_: Options) -> Parameters:
@@ -106,44 +101,6 @@ def _on_robot(options: Options) -> bool:
     return options.target == ONBOARD
 
 
-def _simulator_command(options: Options) -> list[str]:
-    command = ["-m", "lupin_sim", "--world", options.world, "--seed", str(options.seed)]
-    command += ["--speed", str(options.speed), "--run-dir", str(options.run_path)]
-    return command if options.cameras else [*command, "--no-cameras"]
-
-
-def _rviz_command(options: Options) -> list[str]:
-    command = ["-m", "lupin_runtime.stack.external", "rviz2", "--fixed-frame", graph.MAP_FRAME]
-    return [*command, "--ros-args", "-p", f"use_sim_time:={str(options.simulated).lower()}"]
-
-
-def _drive(options: Options) -> Parameters:
-    # A dozen processes share the cores: the drive bus and the e-stop request a higher priority than the others.
-    return {"sink": "sim" if options.simulated else "robot", "serve_first": True}
-
-
-def _estop(options: Options) -> Parameters:
-    # The console of a laptop comes and goes while the robot runs: the robot cannot expect it.
-    started = {BUTTON: options.estop_button, CONSOLE: options.simulated and options.console, WITNESS: True}
-    expected = " ".join(source for source, is_expected in started.items() if is_expected)
-    return {"serve_first": True, "expected_sources": expected}
-
-
-def _console(options: Options) -> Parameters:
-    return {
-        "folder": str(options.run_path),
-        "host": "",
-        "tls": True,
-        "port": options.port,
-        "rosbridge_port": options.rosbridge_port,
-    }
-
-
-def _video(options: Options) -> Parameters:
-    # Browsers get the robot's images through the laptop's console, other programs directly.
-    return {"host": "0.0.0.0"} if options.target == ROBOT_CAMERAS else {}
-
-
 def _camera_driver(kind: str) -> ProcessRow:
     return ProcessRow(
         f"{kind}-camera",
@@ -152,81 +109,6 @@ def _camera_driver(kind: str) -> ProcessRow:
         sends_heartbeats=False,
         optional=True,
     )
-
-
-def _light_strip(options: Options) -> Parameters:
-    # The robot's strip expects its colors in the order blue, red, green.
-    return {"drive_topic": graph.CMD_VEL_SINK_SIM.name} if options.simulated else {"color_order": "BRG", "onboard": True}
-
-
-def _slam(options: Options) -> Parameters:
-    parameters: dict[str, Any] = {"session_file": str(options.run_path / "slam_session.npz")}
-    if options.simulated:
-        # The frontier planner reads the map once a second; the default of 5 s saves bandwidth on WiFi, which is not used here.
-        parameters["map_update_interval"] = 1.0
-    return parameters
-
-
-def _toolbox(options: Options) -> Parameters:
-    interval = {name: value for name, value in _slam(options).items() if name == "map_update_interval"}
-    return {**_programs(SLAM_TOOLBOX)(options), **interval}
-
-
-def _programs(engine: Engine) -> Callable[[Options], Parameters]:
-    def parameters(options: Options) -> Parameters:
-        file = options.run_path / "processes" / f"{engine.title.lower()}.yaml"
-        return {"programs": [str(program) for program in engine.programs], "parameter_file": str(file)}
-
-    return parameters
-
-
-def _map(options: Options) -> Parameters:
-    return {"yaml_filename": str(options.map_file)}
-
-
-def _amcl(options: Options) -> Parameters:
-    # Every simulated run starts at the same pose, which is the origin of a map that was made in such a run.
-    pose = options.initial_pose or ((0.0, 0.0, 0.0) if options.simulated else ())
-    stated = {f"initial_pose.{name}": value for name, value in zip(("x", "y", "yaw"), pose)}
-    return {"state_file": str(options.run_path / "localization.json"), **stated}
-
-
-def _annotator(options: Options) -> Parameters:
-    if options.simulated:
-        return {"image_topic": graph.BODY_IMAGE_SIM.name}
-    # Raw images are too large for the WiFi link, and the next JPEG is better than one that is sent again.
-    return {"image_topic": graph.BODY_IMAGE_ROBOT.name, "compressed": True, "reliable": False}
-
-
-def _recorder(options: Options) -> Parameters:
-    # Every subscriber gets its own copy across the WiFi link: the recorder's would take as much of it as perception's.
-    body = {} if options.simulated else {"body_images": "scanning"}
-    return {"output": str(options.run_path / "recording.mcap"), **body}
-
-
-def _bridge(options: Options) -> Parameters:
-    return {"tag_file": str(options.layout)} if options.layout else {}
-
-
-def _overrides_file(options: Options) -> str:
-    """The file of the run's approach overrides; empty for a process that is started by itself, without a run."""
-    path = options.run_path / OVERRIDES_NAME
-    return str(path) if path.is_file() else ""
-
-
-def _mission(options: Options) -> Parameters:
-    parameters: dict[str, Any] = {
-        "dependency_timeout_s": options.dependency_timeout_s,
-        "discovery_goal": options.discovery_goal,
-        "monitoring_sweeps": options.monitoring_rounds,
-        "approach_overrides_file": _overrides_file(options),
-        "require_visual_confirmation": not options.simulated,
-    }
-    if options.simulated:
-        parameters.update(
-            flower_scan_dwell_s=4.0, arm_patrol_enabled=True, arm_travel_settle_s=3.2, exploration_timeout_s=900.0
-        )
-    return parameters
 
 
 TABLE: tuple[ProcessRow, ...] = (
@@ -247,7 +129,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "sim",
         targets=(SIM,),
-        command=_simulator_command,
+        command=parameters.simulator_command,
         ready=(TopicSample(graph.CLOCK), TopicSample(graph.ODOM), TopicSample(graph.SCAN)),
         on_death="run",
         stop_rank=3,
@@ -256,7 +138,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ),
     ProcessRow(
         "estop",
-        (NodeRow("lupin_runtime.safety.node:EstopBridge", _estop),),
+        (NodeRow("lupin_runtime.safety.node:EstopBridge", parameters.estop),),
         targets=CLOSE_TO_HARDWARE,
         ready=(TopicSample(graph.ESTOP_STATE),),
         stop_rank=2,
@@ -266,7 +148,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "drive",
         (
-            NodeRow("lupin_runtime.drive.node:TwistMux", _drive),
+            NodeRow("lupin_runtime.drive.node:TwistMux", parameters.drive),
             NodeRow("lupin_runtime.safety.node:EstopWitness"),
             NodeRow("lupin_runtime.arm.guard_node:ArmGuard"),
             NodeRow("lupin_runtime.drive.node:IdleStop", when=_simulated),
@@ -281,7 +163,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "slam",
         (
-            NodeRow("lupin_runtime.slam.node:SlamNode", _slam),
+            NodeRow("lupin_runtime.slam.node:SlamNode", parameters.slam),
             NodeRow("lupin_runtime.slam.node:SlamResetNode"),
         ),
         when=lambda o: o.slam and o.map_file is None,
@@ -291,7 +173,7 @@ TABLE: tuple[ProcessRow, ...] = (
         system=SystemRow(
             SLAM_TOOLBOX,
             (
-                NodeRow("lupin_runtime.slam.toolbox_engine:ToolboxEngine", _toolbox),
+                NodeRow("lupin_runtime.slam.toolbox_engine:ToolboxEngine", parameters.toolbox),
                 NodeRow("lupin_runtime.slam.node:SlamResetNode"),
             ),
             memory_max_mb=1024,
@@ -301,8 +183,8 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "localization",
         (
-            NodeRow("lupin_runtime.slam.node:MapServer", _map),
-            NodeRow("lupin_runtime.slam.node:AmclNode", _amcl),
+            NodeRow("lupin_runtime.slam.node:MapServer", parameters.map_server),
+            NodeRow("lupin_runtime.slam.node:AmclNode", parameters.amcl),
         ),
         when=lambda o: o.slam and o.map_file is not None,
         flag="slam",
@@ -327,7 +209,7 @@ TABLE: tuple[ProcessRow, ...] = (
                 # The gate and the smoother come first: they are the first to be told to end, and send their last zero.
                 NodeRow("lupin_runtime.navigation.nav2_engine:Nav2Gate"),
                 NodeRow("lupin_runtime.drive.smoother_node:VelocitySmoother"),
-                NodeRow("lupin_runtime.navigation.nav2_engine:Nav2Engine", _programs(NAV2)),
+                NodeRow("lupin_runtime.navigation.nav2_engine:Nav2Engine", parameters.programs(NAV2)),
             ),
             memory_max_mb=2048,
         ),
@@ -341,7 +223,7 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.arm.node:ArmLibraryServer"),
             NodeRow("lupin_runtime.arm.teleop_node:ArmTeleop"),
             NodeRow("lupin_runtime.arm.monitor_node:ArmMonitor"),
-            NodeRow("lupin_runtime.lights.node:LightStripBridge", _light_strip),
+            NodeRow("lupin_runtime.lights.node:LightStripBridge", parameters.light_strip),
         ),
         targets=CLOSE_TO_HARDWARE,
         needs=(TopicSample(graph.JOINT_STATES),),
@@ -350,7 +232,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "perception",
         (
-            NodeRow("lupin_runtime.perception.annotator:TagAnnotator", _annotator),
+            NodeRow("lupin_runtime.perception.annotator:TagAnnotator", parameters.annotator),
             NodeRow("lupin_runtime.perception.flower_nodes:SimFlowerDetector", when=lambda o: o.flowers and o.simulated),
             NodeRow("lupin_runtime.perception.flower_nodes:YoloDetector", when=lambda o: o.flowers and not o.simulated),
             NodeRow("lupin_runtime.perception.aggregator:PerceptionAggregator"),
@@ -369,9 +251,9 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "mission",
         (
-            NodeRow("lupin_runtime.greenhouse.node:GreenhouseBridge", _bridge),
+            NodeRow("lupin_runtime.greenhouse.node:GreenhouseBridge", parameters.greenhouse),
             NodeRow("lupin_runtime.mission.pose_seed:PoseSeed", when=lambda o: o.map_file is None),
-            NodeRow("lupin_runtime.mission.node:MissionOrchestrator", _mission),
+            NodeRow("lupin_runtime.mission.node:MissionOrchestrator", parameters.mission),
         ),
         when=lambda o: o.mission,
         flag="mission",
@@ -381,13 +263,13 @@ TABLE: tuple[ProcessRow, ...] = (
     ),
     ProcessRow(
         "recorder",
-        (NodeRow("lupin_runtime.record.node:Recorder", _recorder),),
+        (NodeRow("lupin_runtime.record.node:Recorder", parameters.recorder),),
         when=lambda o: o.record,
         flag="record",
     ),
     ProcessRow(
         "console",
-        (NodeRow("lupin_runtime.console.node:Console", _console),),
+        (NodeRow("lupin_runtime.console.node:Console", parameters.console),),
         when=lambda o: o.console,
         flag="web",
         ready=(
@@ -401,7 +283,7 @@ TABLE: tuple[ProcessRow, ...] = (
     _camera_driver("gripper"),
     ProcessRow(
         "video",
-        (NodeRow("lupin_runtime.cameras.node:VideoServer", _video),),
+        (NodeRow("lupin_runtime.cameras.node:VideoServer", parameters.video),),
         targets=(SIM, ROBOT_CAMERAS),
         when=lambda o: not o.simulated or (o.console and o.video and o.cameras),
         flag="video",
@@ -431,7 +313,7 @@ TABLE: tuple[ProcessRow, ...] = (
         optional=True,
         next_command="lupin logs joystick",
     ),
-    ProcessRow("rviz", when=lambda o: o.rviz, flag="rviz", command=_rviz_command, sends_heartbeats=False),
+    ProcessRow("rviz", when=lambda o: o.rviz, flag="rviz", command=parameters.rviz_command, sends_heartbeats=False),
 )
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from lupin_runtime.geometry import Pose2, wrap_angle
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.navigation.costmap import BeamPoses, Costmap, GlobalCostmap, LocalCostmap, RangeScan
-from lupin_runtime.navigation.executive import Decision, Executive, View
+from lupin_runtime.navigation.decision import Decision, View
+from lupin_runtime.navigation.executive import Executive
 from lupin_runtime.navigation.planning import NoPath, Plan, plan
 
 Box = tuple[float, float, float, float]  # x0, y0, x1, y1

@@ -27,6 +27,7 @@ class FakeBridge:
 
     def __init__(self) -> None:
         self.authority = Authority(lambda _: None)
+        self.manual = self  # which this stands for as well
         self.authority.on_change(self._note_control)
         self.log: list[Any] = []
         self.recorded: list[tuple[str, str]] = []

@@ -19,6 +19,7 @@ from lupin_cli.checks.profiles import CHECKS as PROFILES
 from lupin_cli.checks.services import CHECKS as SERVICES
 from lupin_cli.checks.shell_environment import CHECKS as SHELL_ENVIRONMENT
 from lupin_cli.checks.stale_resources import CHECKS as STALE_RESOURCES
+from lupin_cli.checks.unit_environment import CHECKS as UNIT_ENVIRONMENT
 from lupin_cli.checks.wifi import CHECKS as WIFI
 from lupin_cli.doctor.engine import diagnose
 from lupin_cli.facts import Facts
@@ -37,6 +38,7 @@ CHECKS = (
     *PROFILES,
     *STALE_RESOURCES,
     *PORTS,
+    *UNIT_ENVIRONMENT,
     *SERVICES,
 )
 

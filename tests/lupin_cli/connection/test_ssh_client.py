@@ -19,7 +19,7 @@ from lupin_cli.app import app
 from lupin_cli.connection import ssh_client, ssh_config
 from lupin_cli.connection.base import SshConfigUnusable
 from lupin_cli.connection.destination import Destination, resolve
-from lupin_cli.connection.ssh_config import ConfigError, parse_hop
+from lupin_cli.connection.ssh_config_words import ConfigError, parse_hop
 
 BLOCK = "Host greenhouse\n  HostName 10.9.8.7\n  Port 2200\n  User anna\n"
 PLACE = ("10.9.8.7", 2200, "anna")

@@ -135,7 +135,7 @@ def test_path_of_a_robot_that_does_not_answer_is_measured(
     def fail(_session: DoctorSession) -> None:
         raise Unreachable("no answer", kind)
 
-    monkeypatch.setattr("lupin_cli.link.path.measure_from", measure)
+    monkeypatch.setattr("lupin_cli.link.path_measurement.measure_from", measure)
     monkeypatch.setattr("lupin_cli.link.quality.echo_burst", lambda _: None)
     monkeypatch.setattr(DoctorSession, "_connect", fail)
     monkeypatch.delenv("ROS_DISCOVERY_SERVER", raising=False)
@@ -173,7 +173,7 @@ def test_path_is_measured_after_a_late_visit_or_a_lost_burst(
     graphs = Graphs((received(visit_s=visit_s),))
     monkeypatch.setattr("lupin_cli.link.quality.echo_burst", echo_burst)
     link = Link("pot", "192.0.2.2", transport="wired", clock=Offset(0.0, 0.001))
-    monkeypatch.setattr("lupin_cli.link.path.measure_from", measure)
+    monkeypatch.setattr("lupin_cli.link.path_measurement.measure_from", measure)
     monkeypatch.setattr(
         "lupin_cli.doctor.session.gather_snapshot",
         lambda *_: Snapshot(Facts("laptop", {"graph": graphs}), Facts("robot", {}), link),

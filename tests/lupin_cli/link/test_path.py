@@ -26,8 +26,9 @@ from lupin_cli.facts.graph import Graph, Graphs
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.sockets import parse as parse_sockets
 from lupin_cli.link import path_agent
-from lupin_cli.link.path import BURST, Knock, measure_path
+from lupin_cli.link.path import Knock
 from lupin_cli.link.path import Path as MeasuredPath
+from lupin_cli.link.path_measurement import BURST, measure_path
 from lupin_cli.link.quality import Ping
 from lupin_sim.host.namespaces import hold_new_namespaces
 from lupin_sim.host.network import LINK_EMULATOR

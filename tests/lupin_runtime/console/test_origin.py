@@ -18,7 +18,6 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import lupin_runtime
 from lupin_runtime import graph
 from lupin_runtime.console import dual_port
-from lupin_runtime.console import origin as origin_module
 from lupin_runtime.console.authority import Role
 from lupin_runtime.console.sessions import Sessions
 from lupin_runtime.console.shared_file import locked
@@ -509,15 +508,6 @@ def test_two_hundred_paired_clients_of_one_address_are_served(
     for client in clients:
         client.close()
     graph_host.until(lambda: console.count_subscribers("/shared") == 0, what="the end of all subscriptions")
-
-
-def test_session_has_version_of_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(origin_module, "_PAGE", tmp_path)
-    assert origin_module._page_version() == ""
-    (tmp_path / "index.html").write_text("one")
-    first = origin_module._page_version()
-    (tmp_path / "index.html").write_text("another")
-    assert first and origin_module._page_version() not in ("", first)
 
 
 def test_history_has_stops_and_changes_of_control(phone: Browser, open_socket: Open, tmp_path: Path) -> None:

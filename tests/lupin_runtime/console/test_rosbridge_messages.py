@@ -41,6 +41,7 @@ class FakeBridge:
 
     def __init__(self) -> None:
         self.authority = Authority(lambda _: None)
+        self.manual = self  # which this stands for as well
         self.logged: list[str] = []
 
     def log_request(self, _session: Session, _level: str, text: str) -> None:

@@ -76,7 +76,7 @@ def test_sensor_failure_codes_match_navigation_failures() -> None:
 
     from lupin_runtime.mission.adapters import sensor_failure_codes
     from lupin_runtime.navigation.actions import error_number
-    from lupin_runtime.navigation.executive import Failure
+    from lupin_runtime.navigation.decision import Failure
 
     codes = sensor_failure_codes()
     assert {FollowPath.Result.TF_ERROR, FollowPath.Result.CONTROLLER_TIMED_OUT, ComputePathToPose.Result.TF_ERROR} == codes

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.navigation.executive import Executive, Failure, View
+from lupin_runtime.navigation.decision import Failure, View
+from lupin_runtime.navigation.executive import Executive
 from lupin_runtime.navigation.planning import Plan
 from tests.support.kinematic_base import Arena, Drive, greenhouse, random_arena
 
