@@ -206,6 +206,10 @@ class ConsoleRobot:
         return RobotState(odometry, battery, self.estop_reasons())
 
     async def _read(self, function: Callable[[LupinNode], _Result]) -> _Result:
+    async def light_rule(self) -> str:
+        """Return the rule by which the light strip shows its light; empty if that is not known."""
+        return await self._read(lambda _: self._watch.light_rule())
+
         return await asyncio.wrap_future(self._bridge.run_with_node(function))
 
     async def locations(self) -> dict[str, Pose2]:
