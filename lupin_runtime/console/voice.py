@@ -113,7 +113,9 @@ class VoiceAgents:
 
     def _envelope(self, session: Session) -> Envelope:
         if session not in self._envelopes and len(self._envelopes) >= MAX_ENVELOPES:
-            del self._envelopes[next(each for each in self._envelopes if each not in self._connections)]
+            left = next((each for each in self._envelopes if each not in self._connections), None)
+            if left is not None:  # or all are in use
+                del self._envelopes[left]
         return self._envelopes.setdefault(session, Envelope())
 
     @asynccontextmanager
