@@ -205,6 +205,7 @@ ARM_TRAJECTORY = Topic("/mirte_master_arm_controller/joint_trajectory", "traject
 ARM_JOG = Topic("/lupin/arm/jog", "sensor_msgs/msg/JointState", REL10, 20.0, (OPERATOR, "joystick"), ALL, note="rates (`velocity`, rad/s) of arm joints and gripper while a gamepad moves them, zeros before and after, else silent; `frame_id` names the source")
 ARM_STATUS = Topic("/lupin/arm/status", "std_msgs/msg/String", LATCHED1, 1.0, ("body",), ALL, note="JSON: what has reserved the arm, whether it moves, why a jog is refused, joints that do not follow, how long the arm was held extended, alarms")
 JOY = Topic("/joy", "sensor_msgs/msg/Joy", REL10, 20.0, (OPERATOR, "joystick"), note="while a gamepad is connected: left, forward and turn as -1..1; dead-man and turbo button")
+LEDS_STATUS = Topic("/lupin/leds/status", "std_msgs/msg/String", LATCHED1, None, ("body",), note="the rule by which the light strip shows its light, such as `set by hand`")
 ARM_LIBRARY_STATE = Topic("/lupin/arm/library/state", "std_msgs/msg/String", LATCHED1, 5.0, ("body",))
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", REL100, None, (EVERY_NODE,), ALL)
 

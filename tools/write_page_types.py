@@ -30,7 +30,7 @@ from lupin_runtime.console.robot_sentences import SENTENCES
 from lupin_runtime.console.settings import OLDEST_VERSION, VERSION, describe_settings
 from lupin_runtime.drive.arbiter import INPUTS
 from lupin_runtime.drive.twist import HardLimits
-from lupin_runtime.lights import palette
+from lupin_runtime.lights import BEFORE_MANUAL, palette
 from lupin_runtime.ros import type_names
 from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, SOON_THRESHOLD
 from lupin_runtime.twin.health import IDEAL_RANGES, MAX_DEVIATION, OFF_RANGE, STATES
@@ -240,6 +240,7 @@ def robot_module() -> str:
         + f"export const PRESET_DURATION_S = {PRESET_DURATION_S:g};\n"
         + _constant_block("LED_COLORS", colors)
         + _constant_block("LED_STATES", states)
+        + _constant_block("LED_RULES_BEFORE_COLOR", list(BEFORE_MANUAL))
         + _constant_block("IDEAL_RANGES", ranges)
         + _constant_block("HEALTH", {"maxDeviation": MAX_DEVIATION, "offRange": OFF_RANGE, "states": health})
         + _constant_block("BATTERY", {"lowShare": LOW_THRESHOLD, "soonShare": SOON_THRESHOLD})

@@ -74,7 +74,7 @@ _FAILURES = {
         "",
         instruction="find out why the key differs; forget the accepted one only if the robot got a new image",
     ),
-    "host-key-unknown": _Failure("nobody has accepted this robot's host key yet", "lupin robots check {robot}", where="laptop"),
+    "host-key-unknown": _Failure("this robot's host key was not accepted yet", "lupin robots check {robot}", where="laptop"),
     "ssh-config": _Failure(
         "the laptop's SSH configuration cannot be used; the robot itself was not asked", "ssh -G {address}", where="laptop"
     ),

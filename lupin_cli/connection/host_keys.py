@@ -127,7 +127,7 @@ class KnownHosts:
         if preaccepted or (may_ask and self._confirm is not None and self._confirm(question)):
             self._add(name, key)
             return True
-        found = f", not {self._accept}" if self._accept else " that nobody has accepted yet"
+        found = f", not {self._accept}" if self._accept else ", which was not accepted yet"
         if authorities := [entry.place for entry in (*ported.authorities, *portless.authorities)]:
             found += f"; {', '.join(authorities)} trusts an authority's host certificates, which Lupin cannot verify"
         if unreadable := [*own.unreadable, *ported.unreadable, *portless.unreadable]:

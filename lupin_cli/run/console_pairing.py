@@ -50,7 +50,7 @@ class CodeRefused(AccessRefused):
 
 @dataclass(frozen=True)
 class Consent:
-    """What the operator gave on the command line, and how to ask for the rest; nobody is asked if that is None.
+    """What the operator gave on the command line, and how to ask for the rest, if there is a terminal to ask at.
 
     `accept` is the SHA-256 of an authority to accept without asking.
     """
@@ -108,7 +108,7 @@ def _accept_root(address: ConsoleAddress, consent: Consent) -> str:
     if not consent.accept and consent.ask_trust is not None:
         is_accepted = consent.ask_trust(question)
     if not is_accepted:
-        found = f", not {consent.accept[:200]}" if consent.accept else " that nobody has accepted yet"
+        found = f", not {consent.accept[:200]}" if consent.accept else ", which was not accepted yet"
         raise AccessRefused(
             f"{address} shows an authority with the SHA-256 {shown}{found}; nothing was sent. "
             f"Compare it with what `{SHOW_FINGERPRINT}` shows there, then type: {address.command('--accept', shown)}"

@@ -37,7 +37,7 @@ class ArmTeleop(ArmNode):
         self._told = ""
         self.subscription(graph.ARM_JOG, self._on_rates)
         self._tick = self.create_timer(TICK_S, self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._tick.cancel()  # it runs during a jog, and while the refusal of one is to be told
+        self._tick.cancel()  # it runs during a jog, and while one is refused
 
     def before_shutdown(self) -> None:
         """End the jog, and hold the arm."""

@@ -7,11 +7,27 @@ no sentence of this table is shown as it is.
 
 from __future__ import annotations
 
-from lupin_runtime.console import authority, doctor, locations, maps, motion_watch, pairing, voice_listener, voice_offline
+from lupin_runtime.console import (
+    authority,
+    command_era,
+    doctor,
+    locations,
+    maps,
+    motion_watch,
+    pairing,
+    stop_registry,
+    voice_listener,
+    voice_offline,
+    voice_robot,
+    voice_session,
+)
 from lupin_runtime.drive import arbiter
+from lupin_runtime.lights import BEFORE_MANUAL
 from lupin_runtime.mission import events
 from lupin_runtime.safety import console_server_stop, console_stop, estop, estop_monitor, expected_sources
 from lupin_runtime.stack import liveness
+from lupin_runtime.voice import dialog, envelope, executor, turns
+from lupin_runtime.voice.tools import TOOLS
 
 # Name → template: `{seconds}` stands for a number, and every other place for text, which may be a sentence itself.
 SENTENCES = {
@@ -66,4 +82,39 @@ SENTENCES = {
     "event_navigation_retry": events.NAVIGATION_RETRY,
     **{f"event_{code}": label for code, (_, label) in events.LABELS.items() if label != estop_monitor.ESTOP_ENGAGED},
     **{f"detail_{code}": words for code, words in events.EXPLANATIONS.items()},
+    **dict(zip(("light_of_stop", "light_of_pause", "light_of_lost_laptop"), BEFORE_MANUAL, strict=True)),
+    # What the voice agent reads back, and why its calls are refused.
+    **{"_".join(filter(None, ("asks", tool.name, action))): text for tool in TOOLS for action, text in tool.read_back.items()},
+    "call_cut_off": envelope.CUT_OFF,
+    "cut_off_flood": turns.FLOOD,
+    "cut_off_loop": turns.LOOP,
+    "cut_off_insists": turns.INSISTS,
+    "cut_off_too_often": turns.TOO_OFTEN,
+    "call_estopped": envelope.ESTOPPED,
+    "call_page_closed": voice_session.PAGE_CLOSED,
+    "call_interrupted": voice_session.INTERRUPTED,
+    "call_outdated": command_era.OUTDATED,
+    "call_without_turn": envelope.NO_TURN,
+    "call_of_old_turn": envelope.OLD_TURN,
+    "call_while_speaking": envelope.IS_SPEAKING,
+    "call_in_same_turn": envelope.SAME_TURN,
+    "call_without_utterance": envelope.NO_UTTERANCE,
+    "call_not_confirmed": envelope.NOT_CONFIRMED,
+    "call_unknown_confirmation": envelope.UNKNOWN_CONFIRMATION,
+    "call_other_arguments": envelope.OTHER_ARGUMENTS,
+    "call_late_confirmation": envelope.LATE_CONFIRMATION,
+    "call_bursts_too_long": envelope.TOO_LONG,
+    "call_without_pose": envelope.NO_POSE,
+    "call_driven_by_hand": voice_robot.DRIVEN_BY_HAND,
+    "call_without_bus": voice_robot.NO_BUS,
+    "call_without_navigation": voice_robot.NO_NAVIGATION,
+    "call_robot_refused": executor.ROBOT_REFUSED,
+    "call_gripper_refused": executor.GRIPPER_REFUSED,
+    "call_without_strip": executor.NO_STRIP,
+    **{f"call_unknown_{kind}": executor.UNKNOWN_NAME.format(kind=kind) for kind in ("location", "pose", "sequence")},
+    "sentence_canceled": dialog.CANCELED,
+    "sentence_answers_nothing": dialog.NOTHING_READ_BACK,
+    # Names come last: they may be any text.
+    **{f"hold_{kind.value}": text.format("{name}") for kind, text in stop_registry.TEXTS.items()},
+    "voice_agent_of": voice_robot.AGENT_OF,
 }

@@ -1,4 +1,4 @@
-"""What voice sessions read of the robot: its pose on the map and by odometry, and its battery.
+"""What voice sessions read of the robot: its pose on the map and by odometry, its battery, and what its light strip shows.
 
 Nothing waits for these topics: the middleware keeps their newest messages, which are taken twice a second.
 """
@@ -41,6 +41,7 @@ class RobotWatch:
                 ("odometry", graph.ODOM, names["odomTopic"]),
                 ("battery", graph.BATTERY, names["batteryTopic"]),
                 ("localization", graph.AMCL_POSE, graph.AMCL_POSE.name),
+                ("lights", graph.LEDS_STATUS, graph.LEDS_STATUS.name),
             )
         }
         self._last: dict[str, tuple[int, Any]] = {}  # by key: when it was taken, and the message
@@ -78,6 +79,11 @@ class RobotWatch:
         """Return the battery's voltage and charge (0..1); None if they are not known."""
         message = self._fresh("battery")
         return None if message is None else (float(message.voltage), float(message.percentage))
+
+    def light_rule(self) -> str:
+        """Return the rule by which the light strip shows its light; empty if none was received. It is sent when it changes."""
+        self._look()
+        return str(self._last["lights"][1].data) if "lights" in self._last else ""
 
     def _fresh(self, key: str) -> Any:
         self._look()

@@ -43,7 +43,7 @@ class HoldKind(enum.Enum):
     SILENT = "silent"
 
 
-_TEXTS = {
+TEXTS = {
     HoldKind.PRESSED: "{} holds the stop",
     HoldKind.LEFT: "{} stopped the robot",
     HoldKind.LOST_DRIVING: "{} was lost while it was driving",
@@ -66,7 +66,7 @@ class StopHold:
     @property
     def text(self) -> str:
         """The reason as text."""
-        return _TEXTS[self.kind].format(self.name)
+        return TEXTS[self.kind].format(self.name)
 
 
 @dataclass

@@ -10,7 +10,7 @@ The client sends one JSON object a message:
 * `{"listen": {"mode", "start_level", "end_level"}}`: have the console hear the microphone, of which each binary message is a
   frame of `lupin_runtime/voice/endpointer.py`. In the mode `stops`, words for stopping engage the e-stop; in `commands`, turns
   in speech are recognized, too, for the agent without a model; `off` ends it.
-* `{"closed": true}`: this page may not move the robot, for example as nobody has released it there; false ends it.
+* `{"closed": true}`: this page may not move the robot, for example as its release button was not held yet; false ends it.
 * `{"say": {"id", "text", "language"}}` and `{"answer": {"id", "agrees"}}`: a sentence for the agent without a model, and a
   button that answers what it has read back. Each is a turn with this id.
 * `{"refused": {"name", "arguments", "reason"}}`: what the page itself has refused, for the journal.
@@ -113,7 +113,9 @@ class VoiceAgents:
 
     def _envelope(self, session: Session) -> Envelope:
         if session not in self._envelopes and len(self._envelopes) >= MAX_ENVELOPES:
-            del self._envelopes[next(each for each in self._envelopes if each not in self._connections)]
+            left = next((each for each in self._envelopes if each not in self._connections), None)
+            if left is not None:  # or all are in use
+                del self._envelopes[left]
         return self._envelopes.setdefault(session, Envelope())
 
     @asynccontextmanager

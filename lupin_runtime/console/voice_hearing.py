@@ -21,7 +21,7 @@ MAX_BURST = 60  # frames that may come at once, after a network that was away
 
 # Reasons of refusals.
 IS_VIEWER = "{name} is a viewer, whose microphone is not listened to; to be heard, pair this browser as operator"
-NOT_LISTENING = "nobody listens to this page; send listen first"
+NOT_LISTENING = "the console does not listen to this page; send listen first"
 BAD_FRAME = f"a frame has {FRAME_BYTES} bytes: 50 ms of 16 kHz mono PCM-16; others are dropped"
 FLOOD = "frames came faster than a microphone sends them, and are dropped"
 BAD_LISTEN = f"listen must have mode: one of {', '.join(MODES)}, and start_level and end_level: numbers from 0 to 1, or neither"

@@ -177,8 +177,8 @@ class OfflineAgent:
         self._hearing.begin_turn(identifier)
 
     def end_speech(self, identifier: str) -> None:
-        """Have a turn in speech recognized; say why if that cannot be."""
-        if self._hearing.mode == "commands" and not self._hearing.end_turn(identifier):
+        """Have a turn in speech recognized; say why if that cannot be. One that a stop has ended is over."""
+        if self._hearing.mode == "commands" and not self._hearing.end_turn(identifier) and identifier != self._stopped:
             state = self._hearing.state
             self._report(identifier, "", state.reason or f"the listener is {state.name}")
 
@@ -188,8 +188,7 @@ class OfflineAgent:
         turn = Turn(text, "speech", identifier)
         stop = self._stop_in(text, ENGLISH)
         if stop is not None and stop.tool == "engage_estop":
-            self._report(identifier, text)
-            if identifier != self._stopped:
+            if identifier != self._stopped:  # or the spotter was first
                 self._calls.stop_at_once(text, identifier)
         elif self._spoken != (identifier, self._calls.turn):
             self._report(identifier, text, OUTDATED)

@@ -28,6 +28,7 @@ from lupin_runtime.voice.tools import Tool
 
 CALL_TIMEOUT_S = 25.0  # a calibration settles for some seconds, and a recording may have to switch the torque
 DRIVEN_BY_HAND = "the operator is driving by hand"
+AGENT_OF = "voice agent of {name}"
 NO_BUS = "no drive bus receives velocities, so nothing would move; see: lupin doctor"
 NO_NAVIGATION = "no navigation receives goals, so nothing would move; see: lupin doctor"
 _EVERY_GOAL = {"goal_info": {"goal_id": {"uuid": [0] * 16}, "stamp": {"sec": 0, "nanosec": 0}}}
@@ -205,6 +206,10 @@ class ConsoleRobot:
         odometry, battery = await self._read(lambda _: (self._watch.odometry(), self._watch.battery()))
         return RobotState(odometry, battery, self.estop_reasons())
 
+    async def light_rule(self) -> str:
+        """Return the rule by which the light strip shows its light; empty if that is not known."""
+        return await self._read(lambda _: self._watch.light_rule())
+
     async def _read(self, function: Callable[[LupinNode], _Result]) -> _Result:
         return await asyncio.wrap_future(self._bridge.run_with_node(function))
 
@@ -242,7 +247,7 @@ class ConsoleRobot:
 
     def engage_stop(self) -> None:
         """End the burst, and engage the stop in the name of this session's agent: whoever has control releases it."""
-        self._bridge.manual.stop_for(Session(f"voice agent of {self.session.name}", self.session.role))
+        self._bridge.manual.stop_for(Session(AGENT_OF.format(name=self.session.name), self.session.role))
         self._burst.end()
 
     def _burst_problem(self) -> str:

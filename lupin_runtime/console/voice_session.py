@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -30,6 +31,7 @@ from lupin_runtime.voice.untrusted import clean
 INTERRUPTED = "interrupted: the operator or a stop came before it was done; ask for the state before going on"
 REFUSED_BY_PAGE = "by the page: {reason}"
 PAGE_CLOSED = "this page may not move the robot yet: the operator must hold its release button first"
+SAME_WORD_S = 5.0  # within which the spotter and the recognizer may both report one word for stopping
 MAX_WAITING = 100  # calls; beyond that nothing more is read from the client
 _KINDS = "turn, call, cancel, alive, closed, listen, say, answer, refused"
 _MAX_ID = 200
@@ -66,7 +68,8 @@ class VoiceSession:
         self._order = asyncio.Lock()
         self._tasks: dict[asyncio.Task[None], Call] = {}
         self._state: dict[str, Any] = {}
-        self._is_closed = False  # whether the page may not move the robot, as nobody has released it there
+        self._told_stop = (-1, -math.inf)  # in which turn, and when, the page was last told of a word for stopping
+        self._is_closed = False  # whether the page may not move the robot, as its release button was not held
         self._hearing = Hearing(
             session, listener, self.push_state, self.stop_at_once, lambda identifier, text: self._offline.hear(identifier, text)
         )
@@ -174,14 +177,21 @@ class VoiceSession:
         self.push_state()
 
     def stop_at_once(self, text: str, turn: str) -> None:
-        """Engage the stop, as a word for it was heard, in the turn with this id; empty if in none, or in several."""
+        """Engage the stop, as a word for it was heard, in the turn with this id; empty if in none, or in several.
+
+        The page is told once of a word that is reported twice.
+        """
         self._offline.drop(stopped=turn)
         self._bridge.record(self._session.name, f"voice stop heard {short_repr(text)}")
-        self._send({"stop_heard": clean(text)})
+        told_turn, told_s = self._told_stop
+        now_s = asyncio.get_running_loop().time()
+        if self.turn != told_turn or now_s - told_s > SAME_WORD_S:
+            self._told_stop = self.turn, now_s
+            self._send({"stop_heard": clean(text)})
         self.begin_call("engage_estop", {}, lambda _: None)
 
     async def read_names(self) -> Names:
-        """Return the names that exist; nobody called a tool for them."""
+        """Return the names that exist, without a call of a tool."""
         locations = await self._executor.carry_out("list_named_locations", {})
         return names_in(locations, await self._executor.carry_out("arm_list_library", {}))
 

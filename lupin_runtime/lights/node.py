@@ -14,6 +14,7 @@ from mirte_msgs.srv import SetNeopixel
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from lupin_runtime import graph, home_report
 from lupin_runtime.atomic_file import write_atomically
@@ -71,6 +72,8 @@ class LightStripBridge(LupinNode):
         self._request: Future | None = None
         self._requested_ns = 0
 
+        self._rule = ""  # that was last published
+        self._status = self.publisher(graph.LEDS_STATUS)
         self._strip = self.client(replace(graph.VENDOR_LEDS, name=self.parameter("led_service", graph.VENDOR_LEDS.name)))
         estop = replace(graph.ESTOP_STATE, name=self.parameter("estop_topic", graph.ESTOP_STATE.name))
         subscribe_estop(self, self._on_estop, estop)
@@ -164,6 +167,9 @@ class LightStripBridge(LupinNode):
         now_ns = self.elapsed_clock_ns()
         self._update_arm(now_ns)
         rule, light = choose(self._view())
+        if rule != self._rule:
+            self._rule = rule
+            self._status.publish(String(data=rule))
         if self._silent and rule == "ready":
             return
         self._silent = False

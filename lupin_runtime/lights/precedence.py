@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import NamedTuple
 
 from lupin_runtime.lights.palette import (
@@ -64,6 +65,7 @@ class View:
 
 
 Rule = Callable[[View], "Light | None"]
+MANUAL = "set by hand"
 
 
 def _stopped(view: View) -> Light | None:
@@ -135,7 +137,7 @@ RULES: tuple[tuple[str, Rule], ...] = (
     ("e-stop or fault", _stopped),
     ("paused", _paused),
     ("laptop lost in a mission", _mission_lost),
-    ("set by hand", _manual),
+    (MANUAL, _manual),
     ("returning for the battery", _battery),
     ("mission under way", _in_progress),
     ("homing", _homing),
@@ -146,6 +148,8 @@ RULES: tuple[tuple[str, Rule], ...] = (
     ("mission at rest", _resting),
     ("ready", lambda _: Light(READY)),
 )
+# While one of these applies, a color that was set by hand is kept, and not shown.
+BEFORE_MANUAL = tuple(takewhile(lambda name: name != MANUAL, (name for name, _ in RULES)))
 
 
 def choose(view: View) -> tuple[str, Light]:

@@ -63,7 +63,7 @@ class LinkBuilder:
         self._scans.append((t_s, stamp_s))
 
     def interrupt(self) -> None:
-        """Note that a time follows in which nobody listened, such as that between two recordings."""
+        """Note that a gap in the recording follows, such as that between two recordings."""
         self._last_s = None
 
     def build(self, end_s: float) -> Link:

@@ -210,6 +210,8 @@ def _plain(value: Any) -> str:
     """Return a value of a response as text; a text of the robot is `{"untrusted": TEXT}`."""
     if isinstance(value, dict) and "untrusted" in value:
         return str(value["untrusted"])
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, dict):
         return " ".join(f"{name} {_plain(each)}" for name, each in value.items())
     if isinstance(value, (list, tuple)):

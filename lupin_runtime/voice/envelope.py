@@ -18,7 +18,7 @@ from lupin_runtime.voice.turns import Turns
 from lupin_runtime.voice.untrusted import quote_all
 
 CONFIRM_WITHIN_S = 30.0
-BURSTS_S = 10.0  # how long an agent may drive in one turn, in bursts that nobody confirms
+BURSTS_S = 10.0  # how long an agent may drive in one turn, in bursts, which are not read back
 
 # Reasons of refusals.
 CUT_OFF = "cut off for this turn: {reason}"

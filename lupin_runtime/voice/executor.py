@@ -12,6 +12,7 @@ from lupin_runtime.arm.limits import GRIPPER_CLOSED_DEG, GRIPPER_OPEN_DEG
 from lupin_runtime.arm.presets import PRESETS
 from lupin_runtime.geometry import Pose2, wrap_angle
 from lupin_runtime.json_text import parse_json
+from lupin_runtime.lights.precedence import BEFORE_MANUAL
 from lupin_runtime.voice.arguments import Values
 from lupin_runtime.voice.envelope import NO_POSE
 from lupin_runtime.voice.tools import COLORS, STOP_REASON
@@ -19,6 +20,11 @@ from lupin_runtime.voice.untrusted import MAX_ITEMS, clean, quote, quote_all
 
 _GRIPPER_PERCENT = {"open": 100.0, "close": 0.0}
 _GRIPPER_NOTE = "commanded; the gripper stops where it grips something"
+UNKNOWN_NAME = "there is no {kind} of this name"
+ROBOT_REFUSED = "the robot refused"
+GRIPPER_REFUSED = "the gripper refused"
+NO_STRIP = "the LED strip is not connected"
+NOT_SHOWN = "the color is set, but not shown while this lasts: {rule}"
 _CALIBRATION_ARRAYS = ("offsets_applied", "diffs_observed")
 
 Result = dict[str, Any]
@@ -75,6 +81,9 @@ class Robot(Protocol):
 
     async def state(self) -> RobotState:
         """Return the robot's last state."""
+
+    async def light_rule(self) -> str:
+        """Return the rule by which the light strip shows its light; empty if that is not known."""
 
     async def locations(self) -> dict[str, Pose2]:
         """Return the named locations."""
@@ -222,7 +231,7 @@ class Executor:
         request = {"angle": angle_deg, "rate": self._robot.gripper_rate_degps, "degrees": True}
         answer = await self._robot.call(graph.GRIPPER_ANGLE, request)
         if not answer["status"]:
-            raise CommandFailed("the gripper refused")
+            raise CommandFailed(GRIPPER_REFUSED)
         done = {"direction": action, "percent": percent, "angle_deg": angle_deg, "note": _GRIPPER_NOTE}
         return {"ok": True, **done}
 
@@ -271,7 +280,7 @@ class Executor:
         """Call a service that answers `success` and `message`; the result also has these fields of the answer."""
         answer = await self._robot.call(service, request)
         result = {**echoed, "message": quote(answer["message"]), **{name: answer[name] for name in fields}}
-        return {"ok": True, **result} if answer["success"] else {"ok": False, "error": "the robot refused", **result}
+        return {"ok": True, **result} if answer["success"] else {"ok": False, "error": ROBOT_REFUSED, **result}
 
     # -- the rest -----------------------------------------------------------------------------------------------------
     async def _query_state(self, arguments: Values) -> Result:
@@ -293,8 +302,10 @@ class Executor:
         rgb = COLORS[arguments["color"]]
         answer = await self._robot.call(graph.LEDS_SET, {"color": rgb._asdict()})
         if not answer["status"]:
-            raise CommandFailed("the LED strip is not connected")
-        return {"ok": True, "action": "set", "color": arguments["color"], "rgb": list(rgb)}
+            raise CommandFailed(NO_STRIP)
+        done = {"ok": True, "action": "set", "color": arguments["color"], "rgb": list(rgb)}
+        rule = await self._robot.light_rule()
+        return {**done, "shown": False, "message": NOT_SHOWN.format(rule=rule)} if rule in BEFORE_MANUAL else done
 
 
 def _find(name: str, known: dict[str, Pose2]) -> str | None:
@@ -303,7 +314,7 @@ def _find(name: str, known: dict[str, Pose2]) -> str | None:
 
 
 def _unknown(kind: str, known: Iterable[str]) -> Result:
-    return {"ok": False, "error": f"there is no {kind} of this name", f"{kind}s": quote_all(known)}
+    return {"ok": False, "error": UNKNOWN_NAME.format(kind=kind), f"{kind}s": quote_all(known)}
 
 
 def _fields(pose: Pose2) -> dict[str, float]:

@@ -46,11 +46,15 @@ class TurnRecognizer(Recognizer, Protocol):
 
 @dataclass(frozen=True)
 class _Sound:
-    """A sound to recognize, and the id of its turn, if any. If it is no turn, only a word for stopping in it counts."""
+    """A sound to recognize, and the id of its turn, if any. If it is no turn, only a word for stopping in it counts.
+
+    `utterance` is the number of the utterance that it is as a whole; 0 if it is a part of one, or of several.
+    """
 
     turn: str
     sound: bytes
     is_turn: bool = True
+    utterance: int = 0
 
 
 class Listener:
@@ -115,7 +119,7 @@ class Listener:
         if self._turn and (self._spotting.is_speaking or edge is Edge.END):
             self._turns[number] = self._turn if self._turns.get(number, self._turn) == self._turn else ""
         if edge is Edge.END and not self._is_of_turn and self._stopped != number:
-            self._queue(_Sound("", self._spotting.utterance, is_turn=False))
+            self._queue(_Sound("", self._spotting.utterance, is_turn=False, utterance=number))
 
     def _stop(self, text: str, number: int) -> None:
         """Report a stop that was spotted in the utterance with this number; called from the spotter's thread."""
@@ -140,8 +144,12 @@ class Listener:
             text = self._recognizer.transcribe(sound.sound) if sound.sound else ""
             if sound.is_turn:
                 self._emit({"heard": {"id": sound.turn, "text": text}})
-            elif has_stop_word(text):
+            elif has_stop_word(text) and not self._is_spotted(sound):
                 self._emit({"stop": text, "id": sound.turn})
+
+    def _is_spotted(self, sound: _Sound) -> bool:
+        """Return whether the spotter has found the stop while the sound waited, or was recognized."""
+        return self._stopped == sound.utterance if sound.utterance else self._stopped_turn == sound.turn
 
 
 def run(create_recognizer: Callable[[], TurnRecognizer], source: IO[bytes], target: IO[bytes]) -> None:

@@ -161,7 +161,7 @@ class _Builder:
         elif kind in ("location", "pose", "sequence", "preset"):
             self.name(start, kind, end)
         elif kind == "text":
-            return  # nobody lists what may be said
+            return  # free text is not a part of the graph
         elif kind.startswith("new_"):
             self.name(start, kind.removeprefix("new_"), end)
             self.usual_names(start, end)

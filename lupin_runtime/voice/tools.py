@@ -376,10 +376,11 @@ TOOLS = (
     ),
     Tool(
         "set_light",
-        "Set the LED strip to a color, or let it show the robot's state again.",
-        "calls the LED services; `mode` wins over `color`",
+        "Set the LED strip to a color, or let it show the robot's state again. If the result has shown false, the color is "
+        "set, but not visible yet: tell the operator why.",
+        "calls the LED services; `mode` wins over `color`; says if a stop or a pause keeps the color from being shown",
         Effect.CHANGE,
-        ("action", "color", "rgb", "message"),
+        ("action", "color", "rgb", "shown", "message"),
         (
             Argument("color", Kind.CHOICE, "the color", choices=tuple(COLORS)),
             Argument("mode", Kind.CHOICE, "auto: show the robot's state", choices=("auto",)),

@@ -82,6 +82,13 @@ class FakeBridge:
         return 0 if topic in self.unheard else 1
 
 
+class FakeWatch:
+    """A robot whose light strip has said nothing."""
+
+    def light_rule(self) -> str:
+        return ""
+
+
 class FakeListener:
     """Notes what is sent to it; the test says what it hears."""
 
@@ -113,7 +120,7 @@ class Rig:
             ME,
             cast(Bridge, self.bridge),
             Envelope(),
-            cast(RobotWatch, None),
+            cast(RobotWatch, FakeWatch()),
             lambda: {setting.name: setting.default for setting in SETTINGS},
             self._change_location,
             self._receive,

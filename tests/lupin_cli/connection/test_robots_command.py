@@ -54,7 +54,7 @@ def test_robot_is_added_checked_forgotten_and_removed(home: Path) -> None:
     assert again.returncode == 2 and "already" in again.stderr
 
     first = lupin(home, "robots", "check")
-    assert first.returncode == 3 and "that nobody has accepted yet" in first.stderr
+    assert first.returncode == 3 and "which was not accepted yet" in first.stderr
     accepted = lupin(home, *next_command(first), "--json")
     assert accepted.returncode == 0, accepted.stderr
     (answer,) = json.loads(accepted.stdout)

@@ -149,7 +149,7 @@ def test_connection_error_is_raised_once_by_the_first_step(load_playbook: LoadPl
 
         def batch(self, *_arguments: Any, **_options: Any) -> Any:
             UnknownKeyTarget.batches += 1
-            raise HostKeyUnknown("robot shows a key that nobody has accepted", "lupin robots check")
+            raise HostKeyUnknown("robot shows a key, which was not accepted yet", "lupin robots check")
 
     result = play(
         load_playbook(TWO_FILES), {"robot": UnknownKeyTarget("robot")}, {"root": str(tmp_path)}, journal=tmp_path / "journal"

@@ -9,10 +9,15 @@ import pytest
 
 from lupin_runtime.console.authority import Authority, Refused, Role, Session
 from lupin_runtime.console.robot_sentences import SENTENCES
+from lupin_runtime.console.stop_registry import HoldKind, StopHold
+from lupin_runtime.console.voice_robot import AGENT_OF
 from lupin_runtime.drive.arbiter import Arbiter
 from lupin_runtime.safety.console_stop import ConsoleStop
 from lupin_runtime.safety.estop import EstopSources
 from lupin_runtime.safety.expected_sources import UNHEARD
+from lupin_runtime.voice.tools import BY_NAME, TOOLS
+from tests.support.voice_session import CALLS
+from tests.support.voice_session import Session as VoiceSession
 
 SECOND_NS = 1_000_000_000
 
@@ -81,3 +86,29 @@ def test_refusals_of_control_are_sentences() -> None:
         with pytest.raises(Refused) as caught:
             refused()
         assert name_of(str(caught.value)) == name
+
+
+@pytest.mark.parametrize("name", [tool.name for tool in TOOLS if tool.read_back])
+def test_what_the_voice_agent_reads_back_is_a_sentence(name: str) -> None:
+    for action in BY_NAME[name].read_back:
+        given = {**CALLS[name], **({"action": action} if action else {})}
+        sentence = BY_NAME[name].sentence(BY_NAME[name].check(given))
+        assert name_of(sentence) == "_".join(filter(None, ("asks", name, action)))
+
+
+def test_refusals_of_the_voice_agents_calls_are_sentences() -> None:
+    session = VoiceSession()
+    session.set(estop=("phone-2 stopped the robot",))
+    refused = session.refusal("rotate", {"angle_deg": 90.0})
+    assert name_of(refused["error"]) == "call_estopped"
+    assert [name_of(each["untrusted"]) for each in refused["reasons"]] == ["hold_left"]
+    for _ in range(2):
+        session.refusal("rotate", {"angle_deg": 90.0})
+    assert name_of(session.refusal("rotate", {"angle_deg": 90.0})["error"]) == "call_cut_off"
+    assert name_of(session.envelope.turns.cut_off) == "cut_off_insists"
+
+
+def test_every_hold_of_the_stop_is_a_sentence() -> None:
+    for kind in HoldKind:
+        assert name_of(StopHold("press", "phone-2", kind, 0).text) == f"hold_{kind.value}"
+    assert name_of(AGENT_OF.format(name="phone-2")) == "voice_agent_of"

@@ -202,6 +202,8 @@ def test_calibration_is_cancelled_at_once(graph_host: GraphHost, voice: VoiceCli
 
 # -- lights -----------------------------------------------------------------------------------------------------------
 def test_strip_shows_a_color_and_returns_to_the_robots_state(graph_host: GraphHost, voice: VoiceClient) -> None:
+    from lupin_msgs.msg import MissionState
+
     from lupin_runtime.lights.node import LightStripBridge
     from lupin_runtime.ros import LupinNode
 
@@ -230,3 +232,16 @@ def test_strip_shows_a_color_and_returns_to_the_robots_state(graph_host: GraphHo
     done = voice.call("set_light", mode="auto")
     assert done["ok"] and done["message"]["untrusted"].startswith("the strip follows the robot again")
     graph_host.until(lambda: colors[-1] == tuple(COLORS_BY_NAME["BLUE"]), what="blue")
+    # A fault is red, whatever color was set, and the result says so.
+    missions = strip.publisher(graph.MISSION_STATE)
+    missions.publish(MissionState(lifecycle_state="FAULT"))
+    graph_host.until(lambda: colors[-1] == tuple(COLORS_BY_NAME["RED"]), what="red")
+
+    def is_hidden() -> dict[str, Any] | None:
+        voice.turn()
+        found = voice.call("set_light", color="teal")
+        return found if "shown" in found else None
+
+    hidden = graph_host.until(is_hidden, what="the rule of the light at the console")
+    assert hidden["ok"] and hidden["shown"] is False and "e-stop or fault" in hidden["message"]
+    assert colors[-1] == tuple(COLORS_BY_NAME["RED"])

@@ -201,6 +201,37 @@ def test_stop_is_engaged_once_by_spotter_and_sentence() -> None:
         talk.end(identifier, "stop")
         await settle()
         assert rig.bridge.log.count(STOPPED) == 1
+        assert rig.messages("stop_heard") == ["stop"] and rig.messages("heard") == []
+
+    run(test)
+
+
+def test_stop_that_the_spotter_finds_last_is_told_once() -> None:
+    async def test(rig: Rig) -> None:
+        talk = Talk(rig)
+        user = rig.listen("commands")
+        identifier = talk.begin()
+        talk.end(identifier, "Stop.")
+        user.stop_heard("Stop.", identifier)
+        await settle()
+        assert rig.bridge.log.count(STOPPED) == 2, "each report engages the stop"
+        assert rig.messages("stop_heard") == ["Stop."] and rig.messages("heard") == []
+        user.stop_heard("Stop.", talk.begin())
+        assert rig.messages("stop_heard") == ["Stop."] * 2, "that of another turn is told"
+
+    run(test)
+
+
+@pytest.mark.parametrize(("later_s", "told"), [(0.0, 1), (60.0, 2)])
+def test_stop_outside_turns_is_told_once(monkeypatch: pytest.MonkeyPatch, later_s: float, told: int) -> None:
+    async def test(rig: Rig) -> None:
+        user = rig.listen("stops")
+        user.stop_heard("stop", "")
+        loop = asyncio.get_running_loop()
+        now_s = loop.time()
+        monkeypatch.setattr(loop, "time", lambda: now_s + later_s)
+        user.stop_heard("stop", "")
+        assert len(rig.messages("stop_heard")) == told
 
     run(test)
 

@@ -42,6 +42,8 @@ class Robot:
         self._joints = self.node.publisher(graph.JOINT_STATES)
         self.clients = {row: self.node.client(row) for row in (graph.LEDS_SET, graph.LEDS_AUTO)}
         self.mission_says: dict[str, Any] = {}
+        self.rules: list[str] = []
+        self.node.subscription(graph.LEDS_STATUS, lambda message: self.rules.append(message.data))
         self.driving = False
         self.engaged: bool | None = None
         self.pan: float | None = None
@@ -97,6 +99,9 @@ class Robot:
     def wait_for(self, name: str) -> None:
         self.host.until(lambda: self.shows(name), what=f"{name} on the strip")
 
+    def wait_for_rule(self, rule: str) -> None:
+        self.host.until(lambda: self.rules and self.rules[-1] == rule, what=f"the rule that is published: {rule}")
+
 
 def lights(host: GraphHost, **parameters: Any) -> LightStripBridge:
     from lupin_runtime.lights.node import LightStripBridge
@@ -133,10 +138,13 @@ def test_estop_shows_red_over_a_manual_color(graph_host: GraphHost) -> None:
     robot.wait_for("BLUE")
     assert robot.ask(graph.LEDS_SET, r=180, g=0, b=255).status
     robot.wait_for("PURPLE")
+    robot.wait_for_rule("set by hand")
     robot.engaged = True
     robot.wait_for("RED")
+    robot.wait_for_rule("e-stop or fault")
     robot.engaged = False
     robot.wait_for("PURPLE")
+    robot.wait_for_rule("set by hand")
     assert robot.ask(graph.LEDS_AUTO).success
     robot.wait_for("BLUE")
 

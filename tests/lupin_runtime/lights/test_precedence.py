@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.lights import (
+    BEFORE_MANUAL,
     COLORS_BY_NAME,
     LIFECYCLE_COLORS,
+    MANUAL,
     RULES,
     Light,
     Mission,
@@ -49,6 +51,12 @@ def test_stale_mission_is_ignored(view: Any) -> None:
         return
     stale = dataclasses.replace(view, mission=dataclasses.replace(view.mission, fresh=False))
     assert choose(stale) == choose(dataclasses.replace(view, mission=None))
+
+
+@given(VIEW, COLOR, st.booleans())
+def test_manual_color_is_shown_unless_a_rule_before_it_applies(view: Any, color: Any, is_lost: bool) -> None:
+    rule, light = choose(dataclasses.replace(view, manual=color, mission_lost=is_lost))
+    assert rule in BEFORE_MANUAL or (rule == MANUAL and light == Light(color))
 
 
 @given(VIEW)

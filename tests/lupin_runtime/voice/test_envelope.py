@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.voice import envelope
+from lupin_runtime.voice import envelope, turns
 from lupin_runtime.voice.envelope import Rejected, limit_velocity
 from lupin_runtime.voice.tools import BY_NAME, TOOLS, Effect, Gate
 from lupin_runtime.voice.turns import FLOOD, MAX_CALLS, MAX_CUT_OFFS, MAX_SAME_CALLS, TOO_OFTEN, TurnKind
@@ -257,6 +257,16 @@ def test_turn_that_is_announced_again_does_not_begin_anew(session: Session) -> N
     session.turn()
     session.envelope.turns.announce("turn 1", TurnKind.TEXT, ended=True)  # an id of an earlier turn
     assert session.envelope.turns.number == 2
+
+
+def test_ids_of_turns_are_remembered_up_to_a_limit() -> None:
+    known = turns.Turns()
+    for number in range(turns._MAX_TURNS + 1):
+        known.announce(str(number), TurnKind.TEXT, ended=True)
+    known.announce("1", TurnKind.TEXT, ended=True)
+    assert known.number == turns._MAX_TURNS + 1
+    known.announce("0", TurnKind.TEXT, ended=True)
+    assert known.number == turns._MAX_TURNS + 2
 
 
 # -- calibration and recording ----------------------------------------------------------------------------------------

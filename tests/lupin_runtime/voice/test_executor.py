@@ -11,6 +11,7 @@ import pytest
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2
+from lupin_runtime.lights import RULES
 from lupin_runtime.voice.envelope import NO_POSE
 from lupin_runtime.voice.executor import CommandFailed, Executor, RobotState
 from lupin_runtime.voice.tools import BY_NAME, TOOLS
@@ -42,6 +43,7 @@ class FakeRobot:
         self.places = {"home": Pose2(), "Row 3": Pose2(4.0, 5.0, 0.5)}
         self.answers = dict(ANSWERS)
         self.last = RobotState(Pose2(0.1, 0.2, 0.3), (12.1, 0.8), ())
+        self.rule = ""
 
     async def call(self, service: graph.Service, arguments: dict[str, Any]) -> dict[str, Any]:
         self.done.append((service.name, arguments))
@@ -69,6 +71,9 @@ class FakeRobot:
     async def state(self) -> RobotState:
         return self.last
 
+    async def light_rule(self) -> str:
+        return self.rule
+
     async def locations(self) -> dict[str, Pose2]:
         return self.places
 
@@ -90,7 +95,7 @@ def carry_out(robot: FakeRobot, tool: str, /, **arguments: Any) -> dict[str, Any
 def test_result_has_the_fields_of_the_table(robot: FakeRobot, tool: Any) -> None:
     arguments = {"arm_record": {"action": "save"}, "calibrate_arm": {"action": "commit"}}.get(tool.name, CALLS[tool.name])
     result = carry_out(robot, tool.name, **arguments)
-    optional = {"color", "rgb", "message"} if tool.name == "set_light" else set()
+    optional = {"color", "rgb", "shown", "message"} if tool.name == "set_light" else set()
     assert result.pop("ok") is True
     assert set(tool.results) - optional <= result.keys() <= set(tool.results)
 
@@ -173,6 +178,22 @@ def test_mode_wins_over_color(robot: FakeRobot) -> None:
     assert carry_out(robot, "set_light", mode="auto", color="red")["action"] == "auto"
     assert robot.done == [(graph.LEDS_AUTO.name, {})]
     assert carry_out(robot, "set_light", color="teal")["rgb"] == [0, 180, 140]
+
+
+@pytest.mark.parametrize("rule", [name for name, _ in RULES])
+def test_color_that_is_not_shown_says_why(robot: FakeRobot, rule: str) -> None:
+    robot.rule = rule
+    result = carry_out(robot, "set_light", color="blue")
+    assert result["ok"] and result["rgb"] == [0, 0, 255]
+    if rule in ("e-stop or fault", "paused", "laptop lost in a mission"):
+        assert result["shown"] is False and rule in result["message"]
+    else:
+        assert result.keys() == {"ok", "action", "color", "rgb"}
+
+
+def test_unknown_text_as_the_rule_of_the_light_is_dropped(robot: FakeRobot) -> None:
+    robot.rule = HOSTILE
+    assert carry_out(robot, "set_light", color="blue").keys() == {"ok", "action", "color", "rgb"}
 
 
 def test_recording_includes_the_gripper_and_overwrites(robot: FakeRobot) -> None:

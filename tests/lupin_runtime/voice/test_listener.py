@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.voice.endpointer import FRAME_BYTES
+from lupin_runtime.voice import listener
+from lupin_runtime.voice.endpointer import FRAME_BYTES, FRAME_MS
 from lupin_runtime.voice.listener import Listener, run
 from lupin_runtime.voice.listener_protocol import Kind, MalformedMessage, encode, read_message
 from lupin_runtime.voice.recognizer import MISSING_PACKAGES
@@ -121,6 +122,19 @@ class LateWindows(LoudnessRecognizer):
         return super().transcribe_window(sound)
 
 
+class SlowSentences(LoudnessRecognizer):
+    """Hears each sentence once the test lets it."""
+
+    def __init__(self) -> None:
+        self.permit = threading.Event()
+        self.is_busy = False
+
+    def transcribe(self, sound: bytes) -> str:
+        self.is_busy = True
+        assert self.permit.wait(timeout=TIMEOUT_S)
+        return super().transcribe(sound)
+
+
 def test_stop_that_is_spotted_late_belongs_to_its_own_turn() -> None:
     recognizer = LateWindows()
     rig = Rig(recognizer)
@@ -134,11 +148,32 @@ def test_stop_that_is_spotted_late_belongs_to_its_own_turn() -> None:
     rig.hear(SILENCE, PAUSE)
     rig.mark(Kind.BEGIN, "2")
     rig.hear(sound_of("hold"), 8)
+    assert rig.event() == {"stop": "stop", "id": "1"}  # from the sound of the turn that is dropped
     recognizer.permits.release(100)
-    events = [rig.event(), rig.event()]  # from the spotter, and from the sound of the turn that is dropped
-    assert events == [{"stop": "stop", "id": "1"}] * 2
+    assert rig.event() == {"stop": "stop", "id": "1"}  # from the spotter
     rig.mark(Kind.END, "2")
     assert rig.event() == {"heard": {"id": "2", "text": "halt"}}
+
+
+@pytest.mark.parametrize("turn", ["", "1"])
+def test_stop_that_is_spotted_meanwhile_is_not_reported_again(turn: str) -> None:
+    recognizer = SlowSentences()
+    rig = Rig(recognizer)
+    if turn:
+        rig.mark(Kind.BEGIN, turn)
+    rig.hear(sound_of("hold"), 8)
+    if turn:
+        rig.mark(Kind.BEGIN, "")
+    else:
+        rig.hear(SILENCE, PAUSE)
+    wait_until(lambda: recognizer.is_busy, "a sentence")
+    rig.listener._stop("halt", 1)  # as from the spotter's thread
+    assert rig.event() == {"stop": "halt", "id": turn}
+    recognizer.permit.set()
+    rig.hear(SILENCE, PAUSE)
+    rig.mark(Kind.BEGIN, "2")
+    rig.mark(Kind.END, "2")
+    assert rig.event() == {"heard": {"id": "2", "text": ""}}, "no second report before it"
 
 
 def test_late_stop_hides_no_stop_of_the_next_utterance() -> None:
@@ -194,6 +229,38 @@ def test_turns_beyond_what_waits_are_not_understood() -> None:
         rig.mark(Kind.BEGIN, str(number))
         rig.mark(Kind.END, str(number))
     assert rig.event()["heard"]["text"] == ""
+
+
+class LongestSound(LoudnessRecognizer):
+    """Notes how much sound it gets at most."""
+
+    longest = 0
+
+    def transcribe(self, sound: bytes) -> str:
+        self.longest = max(self.longest, len(sound))
+        return super().transcribe(sound)
+
+
+def test_turn_has_a_greatest_length() -> None:
+    recognizer = LongestSound()
+    rig = Rig(recognizer)
+    rig.mark(Kind.BEGIN, "1")
+    rig.hear(sound_of("yes"))
+    rig.hear(SILENCE, listener._MAX_TURN_MS // FRAME_MS)
+    rig.mark(Kind.END, "1")
+    assert rig.event() == {"heard": {"id": "1", "text": ""}}  # its beginning was dropped
+    assert recognizer.longest == listener._MAX_TURN_MS // FRAME_MS * FRAME_BYTES
+
+
+def test_recognizer_that_hangs_in_a_window_ends_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(listener, "_MAX_WINDOW_S", 0.0)
+    recognizer = LateWindows()
+    rig = Rig(recognizer)
+    rig.hear(sound_of("what is the battery"), 8)
+    wait_until(functools.partial(recognizer.has_begun, 1), "a window")
+    with pytest.raises(listener.Deaf, match="busy"):
+        rig.hear(SILENCE)
+    recognizer.permits.release(100)
 
 
 def test_frame_of_another_size_is_ignored() -> None:

@@ -92,6 +92,7 @@ def test_complete_call_of_each_tool_is_accepted(tool: Any) -> None:
         ("query_state", {"fields": []}, "fields must be a list of pose, battery, estop, not a list"),
         ("query_state", {"fields": ["secrets"]}, "not 'secrets'"),
         ("speak", {"text": ""}, "text must be text of 1 to 1000 characters"),
+        ("speak", {"text": "x" * 1001}, "text must be text of 1 to 1000 characters"),
         ("stop", {"now": 1}, "unknown argument 'now'; expected none"),
     ],
 )

@@ -3,7 +3,7 @@ import { useMemo, useRef } from "react";
 import { hasControl, useConsole } from "@/api/console_store";
 import { TOPICS } from "@/generated/graph";
 import type { nav_msgs_Odometry } from "@/generated/messages";
-import { wordsIn } from "@/i18n/robot_words";
+import { namedIn, wordsIn } from "@/i18n/robot_words";
 import { type TextKey, useLanguage, useText } from "@/i18n/text";
 import type { Sample } from "@/ros/topics";
 import { useIsRewound } from "@/state/rewind";
@@ -190,7 +190,7 @@ function useDriveFacts(): DriveFacts {
     holder: server.control.holder,
     inControl: hasControl(server),
     gateReason: gate.engaged && gate.reason !== null ? text(`reason_${gate.reason}`) : null,
-    estopReasons: estop.engaged !== true ? [] : stops.length > 0 ? stops.map(({ key, values, words }) => (key === null ? wordsIn(language, words) : text(key, values))) : [text("is_stopped")],
+    estopReasons: estop.engaged !== true ? [] : stops.length > 0 ? stops.map(({ key, values, words }) => (key === null ? wordsIn(language, words) : text(key, namedIn(language, values)))) : [text("is_stopped")],
     isStopKnown: estop.engaged !== null,
     missionDrives,
     isMissionSilent,

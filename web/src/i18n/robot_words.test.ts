@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { SENTENCES } from "@/generated/sentences";
 import { writeNumbersIn } from "@/ui/numbers";
 import { DUTCH_SENTENCES } from "./catalog/sentences";
-import { explained, isForeign, wordsIn } from "./robot_words";
+import { explained, isForeign, namedIn, wordsIn } from "./robot_words";
 
 const placesOf = (template: string) => [...template.matchAll(/\{(\w+)\}/g)].map(([, place]) => place).toSorted();
 
@@ -31,6 +31,16 @@ describe("the robot's own words", () => {
       "hall (2) is niet geladen: er loopt een missie (EXPLORING); breek die eerst af of wacht tot ze klaar is",
     );
     expect(wordsIn("nl", "body does not respond, navigation has exited")).toBe("body reageert niet, navigation is gestopt");
+  });
+
+  it("name voice agents, and leave the names of browsers and places as they are", () => {
+    expect(namedIn("nl", { name: "voice agent of phone-2", other: "laptop-1", count: 2 })).toEqual({ name: "spraakassistent van phone-2", other: "laptop-1", count: 2 });
+    expect(wordsIn("nl", "voice agent of phone-2 stopped the robot")).toBe("spraakassistent van phone-2 heeft de robot gestopt");
+    writeNumbersIn("nl");
+    expect(wordsIn("nl", "navigate to the location row 1.5")).toBe("rijden naar de plaats row 1.5");
+    expect(wordsIn("nl", "navigate to the location 1.5")).toBe("rijden naar de plaats 1.5");
+    expect(wordsIn("nl", "navigate +1.5 m forward, -2 m to the left, turned by +0 degrees")).toBe("+1,5 m vooruit rijden, -2 m naar links, +0 graden gedraaid");
+    writeNumbersIn("en");
   });
 
   it.each(["", "a reason of a later version", "the button is pressed, and something else"])("are left as they are where nobody knows them: %j", (words) => {

@@ -2,11 +2,12 @@
 import { SENTENCES } from "@/generated/sentences";
 import { withDecimalMark } from "@/ui/numbers";
 import { DUTCH_SENTENCES } from "./catalog/sentences";
-import type { Language } from "./text";
+import type { Language, TextValues } from "./text";
 
 type SentenceName = keyof typeof SENTENCES;
 
 const PLACE = /\{(\w+)\}/g;
+const NUMBER = /^[+-]?\d+(?:\.\d+)?$/;
 const VALUES: Readonly<Record<string, string>> = { seconds: "\\d+(?:\\.\\d+)?", process: "[^ ,]+" };
 
 const TEMPLATES = (Object.keys(SENTENCES) as SentenceName[]).map((name) => {
@@ -19,6 +20,13 @@ export function wordsIn(language: Language, words: string): string {
   return language === "en" ? words : (translated(words) ?? words);
 }
 
+/** The values of a text, with the names of voice agents in a language: a browser's own name has none. */
+export function namedIn(language: Language, values: TextValues): TextValues {
+  const inWords = (value: string | number) => (typeof value === "string" ? wordsIn(language, value) : value);
+  return Object.fromEntries(Object.entries(values).map(([key, value]) => [key, NAMES.includes(key) ? inWords(value) : value]));
+}
+
+const NAMES = ["name", "other"];
 const DETAIL = "detail_";
 const DETAIL_NAMES = (Object.keys(SENTENCES) as SentenceName[]).filter((name) => name.startsWith(DETAIL)).sort((one, other) => other.length - one.length);
 
@@ -46,7 +54,7 @@ function sentence(words: string): string | null {
     if (values === null) continue;
     return DUTCH_SENTENCES[name].replace(PLACE, (_, place: string) => {
       const value = values.groups?.[place] ?? "";
-      return place === "seconds" ? withDecimalMark(value) : (sentence(value) ?? value);
+      return place !== "name" && NUMBER.test(value) ? withDecimalMark(value) : (sentence(value) ?? value);
     });
   }
   return null;

@@ -55,6 +55,7 @@ export class MockAuthority {
     if (options.control === "you" || options.control === "asked") this.give(OWN_NAME);
     if (options.control === "asked") setTimeout(() => this.ask(OTHER), ASKS_AFTER_MS);
     if (options.state === "stopped") this.hold("left", OTHER, "press:other");
+    if (options.faults.has("agent")) this.hold("left", say("voice_agent_of", { name: OTHER }), "press:agent");
     this.update();
   }
 

@@ -10,10 +10,10 @@ export type MockControl = (typeof MOCK_CONTROLS)[number];
 
 /**
  * Faults for tests: `nan` and `empty` samples, `none` at all, 10 000 `logs` a second, a `growing` map, `stalled` cameras,
- * `nocamera`, a clock `skew` of the robot, its `button` pressed, its e-stop `deaf` to the console, or `astray`: soon after the
- * start, the localization loses the robot.
+ * `nocamera`, a clock `skew` of the robot, its `button` pressed, the stop of another browser's voice `agent`, an e-stop that is
+ * `deaf` to the console, or `astray`: soon after the start, the localization loses the robot.
  */
-export const MOCK_FAULTS = ["nan", "empty", "none", "logs", "growing", "stalled", "nocamera", "skew", "button", "deaf", "astray"] as const;
+export const MOCK_FAULTS = ["nan", "empty", "none", "logs", "growing", "stalled", "nocamera", "skew", "button", "agent", "deaf", "astray"] as const;
 export type MockFault = (typeof MOCK_FAULTS)[number];
 
 /**

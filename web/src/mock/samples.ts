@@ -69,6 +69,7 @@ export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.CMD_VEL_SINK_SIM, twist),
   row(TOPICS.CMD_VEL_NAV, (world) => (world.navigates ? twist(world) : null)),
   row(TOPICS.MISSION_STATE, missionState, { latched: true }),
+  row(TOPICS.LEDS_STATUS, (world) => ({ data: world.isStopped ? "e-stop or fault" : "ready" }), { latched: true }),
   row(TOPICS.TWIN_STATE, twinState, { latched: true }),
   row(TOPICS.DISCOVERED_TAGS, discoveredTags, { latched: true }),
   row(TOPICS.OBSERVATIONS, observation, { rateHz: 5 }),

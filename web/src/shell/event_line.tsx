@@ -16,7 +16,7 @@ import { showOverlay } from "@/state/overlays";
 export function EventLine() {
   const isPhone = useIsPhone();
   return (
-    <footer className="flex h-(--foot) min-w-0 items-center gap-6 border-t border-line bg-ground/80 px-4 max-md:gap-3 max-md:px-3">
+    <footer className="flex min-h-(--foot) min-w-0 shrink-0 items-center gap-6 border-t border-line bg-ground/80 px-4 max-md:gap-3 max-md:px-3">
       <CanDrive />
       {isPhone ? (
         <LinkState />
@@ -57,7 +57,8 @@ export function CanDrive() {
         ) : (
           <Lock aria-hidden="true" className="size-4 shrink-0 text-text-2" />
         )}
-        <span className="truncate max-lg:line-clamp-2 max-lg:leading-tight max-lg:whitespace-normal">
+        {/* Two stops at once, or a long reason, take more than one line: the foot grows with them. */}
+        <span className="py-1 leading-tight">
           <span className="text-text-3 max-md:sr-only">{text("can_i_drive")} </span>
           <strong className="font-semibold">
             {first === undefined ? text(yes) : text("can_drive_no", { reason: text(first.key, first.values) })}

@@ -8,7 +8,7 @@ export function LastEvent() {
   const mission = useMission();
   if (mission === null || mission.last_event === "") return null;
   return (
-    <p className="min-w-0 truncate text-text-2 max-lg:hidden">
+    <p className="min-w-0 shrink-[99] truncate text-text-2 max-lg:hidden">
       <span className="text-text-3">{text("mission_last_event")} </span>
       <RobotWords words={mission.last_event} />
     </p>

@@ -4,7 +4,8 @@ import { hasControl, useConsole } from "@/api/console_store";
 import { useAge } from "@/hooks/use_now";
 import { useEstop } from "@/hooks/use_situation";
 import { errorText } from "@/i18n/error_text";
-import { useText } from "@/i18n/text";
+import { namedIn } from "@/i18n/robot_words";
+import { useLanguage, useText } from "@/i18n/text";
 import { useIsRewound } from "@/state/rewind";
 import { useLink } from "@/robot/link";
 import { gate as stopGate, release, useGate, withdrawStop } from "@/robot/stop";
@@ -94,13 +95,14 @@ export function StoppedBanner() {
 /** Every cause of the stop with its age, which is not read out: it changes all the time. */
 function StopLines({ lines, ownSinceMs }: { lines: readonly StopLine[]; ownSinceMs: number }) {
   const text = useText();
+  const language = useLanguage((store) => store.language);
   return (
     <>
       {text("stopped_prefix")}
       {lines.map((line, index) => (
         <Fragment key={`${line.key ?? line.words} ${line.values["name"] ?? ""}`}>
           {index > 0 ? "; " : line.key !== null && BY.test(line.key) ? " " : ": "}
-          {line.key === null ? <RobotWords words={line.words} /> : text(line.key, line.values)}
+          {line.key === null ? <RobotWords words={line.words} /> : text(line.key, namedIn(language, line.values))}
           {line.name !== null && (
             <span aria-hidden="true" className="font-normal tabular-nums" data-testid="stop-age">
               , {line.ageS === null ? <Age atMs={ownSinceMs} /> : text("ago", { age: formatDuration(line.ageS) })}

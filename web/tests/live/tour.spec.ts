@@ -86,7 +86,7 @@ async function untilCharged(page: Page): Promise<void> {
 
 async function untilStopped(page: Page): Promise<void> {
   await expect(page.getByTestId("stop")).toContainText("Stopped");
-  await expect(transcript(page)).toContainText("Stop, as this was heard");
+  await expect(transcript(page)).toContainText("because this was heard");
   await untilAtRest();
   expect(journal().some(({ what }) => what.startsWith("voice stop heard"))).toBe(true);
 }

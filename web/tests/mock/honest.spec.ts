@@ -55,3 +55,13 @@ test("the torque's switch and the line beside it say the same, and nothing of th
   await expect(panel).toContainText("Torque cannot be switched: the robot is stopped");
   expect(await isWhole()).toBe(true);
 });
+
+test("a color that a stop keeps from being shown is not said to be on the strip", async ({ page }) => {
+  await openMock(page, "map", "state=stopped&control=you");
+  await page.getByRole("tab", { name: "Lights" }).click();
+  const status = page.getByRole("status").filter({ hasText: /color was set|confirmed/ });
+  await expect(status).not.toContainText("Not shown");
+  await page.getByRole("button", { name: "Blue", exact: true }).click();
+  await expect(status).toContainText("Blue, confirmed");
+  await expect(status).toContainText("Not shown while this lasts: e-stop or fault");
+});

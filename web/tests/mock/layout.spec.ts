@@ -1,5 +1,5 @@
 import { expect, test } from "@playwright/test";
-import { expectReadable, openIn } from "../support/language";
+import { expectReadable, expectTabsReadable, openIn } from "../support/language";
 import { TABS, openMock } from "../support/page";
 
 for (const width of [390, 768, 1440, 1920]) {
@@ -69,6 +69,19 @@ test("a stopped phone in Dutch shows no English text, and none that is cut off",
   await expect(page.getByTestId("stop")).toContainText("Gestopt");
   await expectReadable(page, "nl", "telemetry");
 });
+
+for (const width of [390, 768]) {
+  for (const language of ["en", "nl"] as const) {
+    test(`three stops at once are readable on every tab at ${width} px in ${language}`, async ({ page }) => {
+      await page.setViewportSize({ width, height: 844 });
+      await openIn(page, language, "voice", "state=stopped&fault=button,agent");
+      const agent = { en: "voice agent of phone-2", nl: "spraakassistent van phone-2" }[language];
+      await expect(page.locator("footer")).toContainText(agent);
+      await expect(page.getByRole("status").filter({ has: page.getByTestId("release") })).toContainText(agent);
+      await expectTabsReadable(page, language);
+    });
+  }
+}
 
 for (const width of [390, 768, 900, 1023, 1024, 1280]) {
   test(`the sentence of the top bar is whole at ${width} px`, async ({ page }) => {

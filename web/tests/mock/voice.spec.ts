@@ -150,8 +150,8 @@ test("a conversation ends with its tab", async ({ page }) => {
 });
 
 const WORDS = {
-  en: { startScript: "Start the script", type: "Type to the agent", send: "Send" },
-  nl: { startScript: "Script starten", type: "Typ aan de assistent", send: "Verzenden" },
+  en: { startScript: "Start the script", type: "Type to the agent", send: "Send", asks: "navigate to the location home" },
+  nl: { startScript: "Script starten", type: "Typ aan de assistent", send: "Verzenden", asks: "rijden naar de plaats home" },
 };
 
 for (const width of [390, 1440]) {
@@ -193,7 +193,7 @@ for (const width of [390, 1440]) {
       await page.mouse.down();
       await look("hearing");
       await page.mouse.up();
-      await expect(page.getByTestId("voice-confirm")).toContainText("navigate to the location home");
+      await expect(page.getByTestId("voice-confirm")).toContainText(words.asks);
       await look("listening", "asks");
 
       await open("state=calm&control=you&voice=state");

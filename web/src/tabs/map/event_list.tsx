@@ -1,6 +1,6 @@
 import { Bell, CircleAlert, Flag, Footprints, Gamepad2, type LucideIcon, OctagonX, Pause, Radar, Waypoints } from "lucide-react";
 import { useState } from "react";
-import { explained, wordsIn } from "@/i18n/robot_words";
+import { explained, namedIn, wordsIn } from "@/i18n/robot_words";
 import { type Language, type TextValues, useLanguage, useText } from "@/i18n/text";
 import type { EventKind } from "@/map/events";
 import { type LoggedEvent, collapseEvents, useMissionLog } from "@/map/mission_log";
@@ -80,8 +80,9 @@ function EventRow({ event, count }: { event: LoggedEvent; count: number }) {
   );
 }
 
-/** With the code of an observation's detail, if there is one, in words. */
+/** With names, and the code of an observation's detail, if there is one, in words. */
 function inWords(language: Language, values: TextValues = {}): TextValues {
   const { detail } = values;
-  return typeof detail === "string" ? { ...values, detail: wordsIn(language, explained(detail)) } : values;
+  const named = namedIn(language, values);
+  return typeof detail === "string" ? { ...named, detail: wordsIn(language, explained(detail)) } : named;
 }

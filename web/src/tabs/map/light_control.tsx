@@ -1,14 +1,16 @@
 import { Lightbulb } from "lucide-react";
 import { useState } from "react";
-import { SERVICES } from "@/generated/graph";
-import { LED_COLORS } from "@/generated/robot";
+import { SERVICES, TOPICS } from "@/generated/graph";
+import { LED_COLORS, LED_RULES_BEFORE_COLOR } from "@/generated/robot";
 import { useAge } from "@/hooks/use_now";
+import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
 import { call } from "@/robot/commands";
 import { showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { formatDuration } from "@/ui/numbers";
+import { RobotWords } from "@/ui/robot_words";
 
 type ColorName = keyof typeof LED_COLORS;
 const COLORS = Object.keys(LED_COLORS) as ColorName[];
@@ -19,6 +21,8 @@ export function LightControl() {
   const [confirmed, setConfirmed] = useState<{ what: ColorName | "auto"; atMs: number } | null>(null);
   const [asked, setAsked] = useState<ColorName | "auto" | null>(null);
   const age = useAge(confirmed?.atMs);
+  const rule = useTopic(TOPICS.LEDS_STATUS)?.message.data;
+  const hiddenBy = confirmed === null || confirmed.what === "auto" ? undefined : LED_RULES_BEFORE_COLOR.find((each) => each === rule);
 
   async function set(what: ColorName | "auto"): Promise<void> {
     setAsked(what);
@@ -42,6 +46,11 @@ export function LightControl() {
           : confirmed.what === "auto"
             ? text("map_lights_set_auto", { age: formatDuration(age) })
             : text("map_lights_set", { color: text(`map_color_${confirmed.what}`), age: formatDuration(age) })}
+        {hiddenBy !== undefined && (
+          <span className="block text-attention">
+            {text("map_lights_hidden")} <RobotWords words={hiddenBy} />
+          </span>
+        )}
       </p>
       <div role="group" aria-label={text("map_lights")} className="grid grid-cols-4 gap-2">
         {COLORS.map((name) => (

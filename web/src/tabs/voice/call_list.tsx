@@ -1,11 +1,11 @@
 import { Ban, Check, CircleHelp, CircleSlash, LoaderCircle } from "lucide-react";
-import type { ComponentType } from "react";
+import { type ComponentType, Fragment } from "react";
 import { useText } from "@/i18n/text";
 import { cn } from "@/ui/cn";
 import { Panel } from "@/ui/panel";
 import { RobotWords } from "@/ui/robot_words";
 import { ScrollRegion } from "@/widgets/scroll_region";
-import { describeArguments, describeResult } from "./call_text";
+import { describeArguments, describeResult, sentencesOf } from "./call_text";
 import { type CallRow, useVoice } from "./voice_store";
 
 const LOOKS: Record<CallRow["state"], { icon: ComponentType<{ className?: string }>; tone: string }> = {
@@ -40,7 +40,6 @@ export function CallList() {
 function Row({ call }: { call: CallRow }) {
   const text = useText();
   const { icon: Icon, tone } = LOOKS[call.state];
-  const result = describeResult(call);
   return (
     <li className="flex items-start gap-3 border-line py-2 not-last:border-b">
       <Icon aria-hidden="true" className={cn("mt-0.5 size-4 shrink-0", tone)} />
@@ -55,14 +54,19 @@ function Row({ call }: { call: CallRow }) {
         <p lang="en" className="text-xs break-words text-text-3 numeric">
           {describeArguments(call.args)}
         </p>
-        {result !== "" && (
+        {call.result !== null && (
           <p className="text-sm break-words text-text-2">
             {call.state === "done" ? (
               <span lang="en" className="numeric">
-                {result}
+                {describeResult(call)}
               </span>
             ) : (
-              <RobotWords words={result} />
+              sentencesOf(call).map((words, index) => (
+                <Fragment key={words}>
+                  {index > 0 && "; "}
+                  <RobotWords words={words} />
+                </Fragment>
+              ))
             )}
           </p>
         )}

@@ -9,17 +9,20 @@ export function describeArguments(args: Record<string, unknown>): string {
   return short(fieldTexts(args).join(", "));
 }
 
-/** What came of a call: the fields of its result, or why it was refused. */
-export function describeResult({ state, result }: Pick<CallRow, "state" | "result">): string {
-  if (result === null) return "";
-  if (state === "read_back") return short(String(result["confirm"]));
-  if (state === "refused") {
-    const reasons = Array.isArray(result["reasons"]) ? result["reasons"].map(valueText).join(", ") : "";
-    const error = typeof result["error"] === "string" ? result["error"] : valueText(result["error"]);
-    return short(reasons === "" ? error : `${error} (${reasons})`);
-  }
-  const { ok: _, ...fields } = result;
+type Outcome = Pick<CallRow, "state" | "result">;
+
+/** The fields of the result of a call. */
+export function describeResult({ result }: Outcome): string {
+  const { ok: _, ...fields } = result ?? {};
   return short(fieldTexts(fields).join(", "));
+}
+
+/** What is read back, or why a call was refused, with what engages the stop: each a sentence of the console or the robot. */
+export function sentencesOf({ state, result }: Outcome): string[] {
+  if (result === null) return [];
+  if (state === "read_back") return [short(String(result["confirm"]))];
+  const reasons = Array.isArray(result["reasons"]) ? result["reasons"] : [];
+  return [result["error"], ...reasons].map((each) => short(valueText(each)));
 }
 
 function fieldTexts(fields: Record<string, unknown>): string[] {

@@ -13,7 +13,7 @@ export interface OfflineParts {
   player: Pick<Player, "play" | "flush">;
   /** Of what the operator types. */
   language: () => "en" | "nl";
-  /** Whether this page may not move the robot, for example as nobody has released it here yet. */
+  /** Whether this page may not move the robot, for example as its release button was not held yet. */
   isClosed: () => boolean;
   /** A text of the catalog for the transcript, in the page's language. */
   inWords: (error: TextError) => string;

@@ -16,7 +16,7 @@ export function ReadBackCard() {
   return (
     <section aria-labelledby="voice-confirm" data-testid="voice-confirm" className="flex flex-col gap-3 rounded-lg border border-attention bg-attention-wash p-4">
       <span role="alert" className="sr-only">
-        {text("voice_confirm_title")} {readBack.sentence}
+        {text("voice_confirm_title")} <RobotWords words={readBack.sentence} />
       </span>
       <h2 id="voice-confirm" className="text-sm font-semibold text-attention">
         {text("voice_confirm_title")}

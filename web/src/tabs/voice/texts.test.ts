@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { describeArguments, describeResult } from "./call_text";
+import { describeArguments, describeResult, sentencesOf } from "./call_text";
 import { instruction } from "./instruction";
 
 describe("a call as a text", () => {
@@ -10,9 +10,9 @@ describe("a call as a text", () => {
 
   it("says why it was refused, with the robot's own words", () => {
     const result = { ok: false, error: "the e-stop is engaged", blocked: true, reasons: [{ untrusted: "the button is pressed" }] };
-    expect(describeResult({ state: "refused", result })).toBe("the e-stop is engaged (the button is pressed)");
-    expect(describeResult({ state: "read_back", result: { ok: false, confirm: "open the gripper" } })).toBe("open the gripper");
-    expect(describeResult({ state: "running", result: null })).toBe("");
+    expect(sentencesOf({ state: "refused", result })).toEqual(["the e-stop is engaged", "the button is pressed"]);
+    expect(sentencesOf({ state: "read_back", result: { ok: false, confirm: "open the gripper" } })).toEqual(["open the gripper"]);
+    expect(sentencesOf({ state: "running", result: null })).toEqual([]);
   });
 
   it("is short", () => {

@@ -3,6 +3,7 @@ import { useText } from "@/i18n/text";
 import { useSetting } from "@/state/settings";
 import { cn } from "@/ui/cn";
 import { Panel } from "@/ui/panel";
+import { RobotWords } from "@/ui/robot_words";
 import { ScrollRegion } from "@/widgets/scroll_region";
 import { useCredential } from "./credentials";
 import { type Entry, useVoice } from "./voice_store";
@@ -46,13 +47,14 @@ function Line({ entry: { who, text: words } }: { entry: Entry }) {
   const isScripted = useVoice((view) => view.isScripted);
   const spoken = useSetting("voiceLanguage");
   const by = useCredential();
-  // A script speaks the language of the page, and the console's grammar answers in English.
-  const language = isScripted ? undefined : by === "offline" && who !== "operator" ? "en" : spoken;
+  // A script speaks the language of the page. The console's grammar answers in English.
+  const isOfConsole = !isScripted && by === "offline" && who === "agent";
+  const language = isScripted || isOfConsole ? undefined : spoken;
   return (
     <li className={cn("max-w-[46rem] border-l-2 pl-3", who === "operator" ? "border-sensed" : who === "page" ? "border-attention" : "border-alive")}>
       <span className="block text-xs text-text-3">{text(`voice_who_${who}`)}</span>
       <span lang={who === "page" ? undefined : language} className={cn("text-base break-words whitespace-pre-wrap", who === "page" && "text-sm text-text-2")}>
-        {words === "" ? "…" : words}
+        {words === "" ? "…" : isOfConsole ? <RobotWords words={words} /> : words}
       </span>
     </li>
   );
