@@ -27,6 +27,7 @@ from lupin_runtime.arm.messages import path_of
 from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.priority import request_realtime_scheduling
 from lupin_runtime.stack.runs import live_runs
+from lupin_runtime.stack.supervisor import RESTARTS_WITHIN_S
 from lupin_runtime.teleop.events import BTN_EAST, BTN_NORTH, BTN_TL
 from lupin_runtime.teleop.pad_state import SETTLE_S
 from tests.support import pad_ids
@@ -228,6 +229,7 @@ def measure_jog(samples: int) -> int:
 def measure_rest(signal_: str) -> int:
     """End the pad's process and `body` by this signal while the arm moves; print how long it moved on."""
     number = signal.Signals[f"SIG{signal_}"]
+    time.sleep(RESTARTS_WITHIN_S / 2)  # `body` is ended twice here; after four times in a minute it would be given up
     with _client() as client:
         rest_s = {
             "jog_without_pads": _rest_of_pads(client, number),
