@@ -97,11 +97,14 @@ class _MonitoredProcess:
     socket: socket.socket
     record: HeartbeatRecord
     commands_motion: bool
+    may_block_motion: bool
     is_replacement: bool = False  # whether it replaces a process that had sent heartbeats
     exited: bool = False
 
     def motion_block_reason(self, silence: Silence) -> str:
         """Return why nothing may move because of this process; empty if it responds, or has not come up yet."""
+        if not self.may_block_motion:
+            return ""
         if self.exited:
             return EXITED if self.is_replacement or self.record.beat is not None else ""
         if self.record.beat is None and self.is_replacement:
@@ -138,15 +141,20 @@ class Liveness:
         """Whether the thread has ended by itself: processes that command motion then stop it, and no hang is noticed."""
         return self._thread.ident is not None and not self._thread.is_alive() and not self._closed.is_set()
 
-    def monitor(self, name: str, pid: int, channel: socket.socket, commands_motion: bool) -> None:
-        """Monitor a process that was just started, whose standard input is the other end of `channel`."""
+    def monitor(
+        self, name: str, pid: int, channel: socket.socket, commands_motion: bool, may_block_motion: bool = True
+    ) -> None:
+        """Monitor a process that was just started, whose standard input is the other end of `channel`.
+
+        Nothing moves while it has exited, is restarted or is silent, if it `may_block_motion`.
+        """
         channel.setblocking(False)
         with self._lock:
             before = self._processes.get(name)
             is_replacement = before is not None and (before.is_replacement or before.record.beat is not None)
             self._drop(name)
             record = HeartbeatRecord(lambda: activity(pid))
-            self._processes[name] = _MonitoredProcess(channel, record, commands_motion, is_replacement)
+            self._processes[name] = _MonitoredProcess(channel, record, commands_motion, may_block_motion, is_replacement)
             self._hangup_poll.register(channel, 0)  # event mask 0: poll() reports only POLLHUP and POLLERR
 
     def expect_heartbeats(self, name: str) -> None:

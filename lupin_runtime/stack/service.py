@@ -20,8 +20,9 @@ from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.retention import remove_old_runs
 from lupin_runtime.stack.runs import Run, RunError, create_run, runs_directory
 from lupin_runtime.stack.sd_notify import Notifier
+from lupin_runtime.stack.stage import LIVENESS_FAILED
 from lupin_runtime.stack.state_file import StateFile, unwritable
-from lupin_runtime.stack.supervisor import LIVENESS_FAILED, NothingObserved, Supervisor
+from lupin_runtime.stack.supervisor import NothingObserved, Supervisor
 from lupin_runtime.stack.usage import start_ticks
 
 if TYPE_CHECKING:

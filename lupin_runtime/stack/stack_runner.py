@@ -21,8 +21,9 @@ from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.retention import remove_old_runs
 from lupin_runtime.stack.runs import Run, RunError, create_run
 from lupin_runtime.stack.shm import disable_lttng_shm
+from lupin_runtime.stack.stage import Phase
 from lupin_runtime.stack.state_file import StateFile, unwritable
-from lupin_runtime.stack.supervisor import Phase, Supervisor
+from lupin_runtime.stack.supervisor import Supervisor
 from lupin_runtime.stack.usage import start_ticks
 
 STEP_S = 0.1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import json
 import os
 import shutil
@@ -10,10 +9,8 @@ import signal
 import socket
 import subprocess
 import time
-from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
@@ -24,7 +21,8 @@ from lupin_runtime.stack.log_lines import cause_in_log
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.readiness import Readiness
 from lupin_runtime.stack.runs import PROCESS_UMASK, Run
-from lupin_runtime.stack.table import Launch, ProcessRow, launch, rows
+from lupin_runtime.stack.stage import LIVENESS_FAILED, Death, Phase, Stage
+from lupin_runtime.stack.table import Launch, launch, rows
 from lupin_runtime.stack.takeover import holder_of
 from lupin_runtime.stack.usage import cpu_time_s, descendants_by_pid, memory_mb, start_ticks
 
@@ -61,55 +59,6 @@ class NothingObserved:
     def explain(self, condition: Readiness) -> str:
         """Return why the condition does not hold."""
         return f"{condition}: the supervisor joins the graph"
-
-
-class Phase(enum.Enum):
-    """The phase of a stage."""
-
-    WAITING = "waiting"
-    STARTING = "starting"
-    UP = "up"
-    FAILED = "failed"
-    STOPPED = "stopped"
-
-
-@dataclass
-class Stage:
-    """A process of the run as the supervisor sees it: its phase and what it uses."""
-
-    launch: Launch
-    phase: Phase = Phase.WAITING
-    since_s: float = 0.0
-    up_after_s: float | None = None
-    process: subprocess.Popen[bytes] | None = None
-    start_ticks: int | None = None  # identifies the process together with its PID
-    killed_why: str = ""  # why the supervisor killed the process
-    taken_over_s: float | None = None  # since when a person's own process has its place
-    restarts: deque[float] = field(default_factory=deque)
-    restart_count: int = 0
-    why: str = ""
-    cpu_percent: float = 0.0
-    memory_mb: float = 0.0
-    cpu_seen: tuple[float, float] | None = None  # (time, processor time used until then), seconds
-
-    @property
-    def row(self) -> ProcessRow:
-        """The stage's row of the table."""
-        return self.launch.row
-
-
-@dataclass(frozen=True)
-class Death:
-    """An unplanned exit of a process."""
-
-    stage: str
-    status: str
-    consequence: str
-    ends_run: bool = False
-
-
-# Its stack trace is in the supervisor's own output.
-LIVENESS_FAILED = Death("supervisor", "can no longer receive heartbeats", "nothing may move, so the run stops", ends_run=True)
 
 
 class Supervisor:
@@ -237,7 +186,8 @@ class Supervisor:
                     umask=PROCESS_UMASK,
                 )
         stage.start_ticks = start_ticks(stage.process.pid)
-        self.liveness.monitor(stage.row.name, stage.process.pid, channel, stage.row.commands_motion)
+        may_block = not stage.was_given_up
+        self.liveness.monitor(stage.row.name, stage.process.pid, channel, stage.row.commands_motion, may_block)
 
     def _arguments(self, launch: Launch) -> list[str]:
         """Return the interpreter's arguments. On a full disk, the last is the configuration itself instead of its file."""
@@ -285,7 +235,7 @@ class Supervisor:
             self._start(stage, now)
         else:
             self.liveness.stop_monitoring(stage.row.name)
-            stage.phase, stage.since_s = Phase.FAILED, now
+            stage.phase, stage.since_s, stage.was_given_up = Phase.FAILED, now, True
             lost = f"its state is lost, so the {stage.row.on_death} was stopped"
             consequence = f"given up after {RESTARTS_ALLOWED} restarts in a minute" if repairable else lost
             if stage.row.optional and self._retry_optional_s:

@@ -22,7 +22,8 @@ from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.readiness import Readiness, TopicSample
 from lupin_runtime.stack.runs import Run, RunError, create_run
 from lupin_runtime.stack.service import failure
-from lupin_runtime.stack.supervisor import LIVENESS_FAILED, Phase, Supervisor
+from lupin_runtime.stack.stage import LIVENESS_FAILED, Phase
+from lupin_runtime.stack.supervisor import Supervisor
 from lupin_runtime.stack.table import ProcessRow
 from lupin_runtime.stack.takeover import claim_place, holder_of
 from tests.support.waiting import wait_for_nothing, wait_until
@@ -209,6 +210,28 @@ BEATING = (
 )
 ALIVE = BEATING.replace("STAMP", "time.monotonic_ns()")
 STUCK = BEATING.replace("STAMP", "START").replace("import time;", "import time; START = time.monotonic_ns();")
+
+
+def test_optional_process_that_was_given_up_blocks_no_motion(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    dying = ALIVE.replace("while True:", "for _ in range(3):")
+    table = (row("joystick", dying, optional=True), row("drive", ALIVE, commands_motion=True))
+    monkeypatch.setattr(module, "rows", lambda _: table)
+    monkeypatch.setattr(module, "RESTARTS_ALLOWED", 0)
+    supervisor = Supervisor(Options(run_path=run.path), run, dict(os.environ), FakeMonitor(), retry_optional_s=0.1)
+    reasons: list[str] = []
+    try:
+        stage = supervisor.stage("joystick")
+        assert stage is not None
+        until(supervisor, lambda: stage.restart_count == 1)
+
+        def has_died_again() -> bool:
+            reasons.append(supervisor.liveness.motion_block_reasons().get("joystick", ""))
+            return stage.restart_count == 3
+
+        until(supervisor, has_died_again)
+    finally:
+        supervisor.stop()
+    assert set(reasons) == {""}
 
 
 def test_stopped_process_blocks_motion_and_is_replaced(supervise: Any) -> None:
