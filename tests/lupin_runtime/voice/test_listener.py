@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.voice import listener
+from lupin_runtime.voice import listener, stop_spotter
 from lupin_runtime.voice.endpointer import FRAME_BYTES, FRAME_MS
 from lupin_runtime.voice.listener import Listener, run
 from lupin_runtime.voice.listener_protocol import Kind, MalformedMessage, encode, read_message
@@ -253,12 +253,12 @@ def test_turn_has_a_greatest_length() -> None:
 
 
 def test_recognizer_that_hangs_in_a_window_ends_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(listener, "_MAX_WINDOW_S", 0.0)
+    monkeypatch.setattr(stop_spotter, "MAX_WINDOW_S", 0.0)
     recognizer = LateWindows()
     rig = Rig(recognizer)
     rig.hear(sound_of("what is the battery"), 8)
     wait_until(functools.partial(recognizer.has_begun, 1), "a window")
-    with pytest.raises(listener.Deaf, match="busy"):
+    with pytest.raises(SpeechUnavailable, match="busy"):
         rig.hear(SILENCE)
     recognizer.permits.release(100)
 
