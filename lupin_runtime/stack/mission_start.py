@@ -24,7 +24,7 @@ class MissionState(Protocol):
 
 
 class MissionStart:
-    """Starts the mission that the run follows. Call `step` often, once every process is up.
+    """Starts the mission that the run follows. Call `step` often, also before every process is up.
 
     A mission that is in progress is followed instead: an operator may have started it while other processes were still coming
     up, or the answer to the own request was lost. The request is never repeated, because the mission may have started and ended
@@ -44,17 +44,25 @@ class MissionStart:
         self.mission_id = ""  # of the mission that the run follows
         self.refusal = ""  # why it follows none
 
-    def step(self, now_s: float, state: MissionState | None, was_pressed: bool, estop_waits: bool = False) -> None:
+    def step(
+        self, now_s: float, state: MissionState | None, was_pressed: bool, estop_waits: bool = False, all_up: bool = True
+    ) -> None:
         """Send the request, handle its answer and its absence. `state` is the mission's last one, `now_s` monotonic.
+
+        Nothing is sent before `all_up`: every process is up, or was.
 
         The request is held back while `estop_waits`, whether the e-stop's process has not heard every source; but not for ever:
         its refusal then tells the reason.
         """
         if self.mission_id or self.refusal:
             return
-        self._first_s = now_s if self._first_s is None else self._first_s
-        if estop_waits and now_s - self._first_s < SOURCES_TIMEOUT_S:
+        if all_up and self._first_s is None:
+            self._first_s = now_s
+        # The release may come just before the last process is up.
+        if estop_waits and (self._first_s is None or now_s - self._first_s < SOURCES_TIMEOUT_S):
             self._not_before_s = now_s + RELEASE_S
+        if not all_up:
+            return
         if self._deadline_s is None:
             self._deadline_s = now_s + ANSWER_TIMEOUT_S
         if self._answer is not None and self._answer[0]:

@@ -152,9 +152,8 @@ class StackRunner:
             return
         if self.outcome.ready_s is None and self.supervisor.all_up():
             self.outcome.ready_s = round(age, 2)
-        if self.outcome.ready_s is not None:
-            monitor = self.monitor
-            self._start.step(time.monotonic(), monitor.mission, monitor.was_pressed, monitor.estop_waits)
+        monitor, all_up = self.monitor, self.outcome.ready_s is not None
+        self._start.step(time.monotonic(), monitor.mission, monitor.was_pressed, monitor.estop_waits, all_up)
 
     def _ended(self) -> bool:
         outcome = self.outcome

@@ -20,7 +20,7 @@ class Rig:
     """A start, with a service that answers when the test calls `answer`."""
 
     def __init__(self) -> None:
-        self.ready, self.pressed, self.estop_waits = True, False, False
+        self.ready, self.pressed, self.estop_waits, self.all_up = True, False, False, True
         self.state: State | None = State("", "READY")
         self.requests: list[Callable[[bool, str], None]] = []
         self.now_s = 100.0
@@ -28,7 +28,7 @@ class Rig:
 
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds / 0.1)):
-            self.start.step(self.now_s, self.state, self.pressed, self.estop_waits)
+            self.start.step(self.now_s, self.state, self.pressed, self.estop_waits, self.all_up)
             self.now_s += 0.1
 
     def answer(self, accepted: bool, text: str) -> None:
@@ -114,6 +114,20 @@ def test_request_waits_until_the_estop_has_heard_every_source(rig: Rig) -> None:
     rig.estop_waits = False
     rig.wait(RELEASE_S - 0.5)
     assert rig.requests == [] and rig.end == ("", "")
+    rig.wait(1.0)
+    rig.answer(True, "lupin-1")
+    assert rig.end == ("lupin-1", "")
+
+
+def test_request_waits_also_after_a_release_before_all_are_up(rig: Rig) -> None:
+    rig.estop_waits, rig.all_up = True, False
+    rig.wait(SOURCES_TIMEOUT_S + 5.0)
+    assert rig.requests == []
+    rig.estop_waits = False
+    rig.wait(0.1)
+    rig.all_up = True
+    rig.wait(RELEASE_S - 0.5)
+    assert rig.requests == [], "the mission would refuse it: the e-stop was released just now"
     rig.wait(1.0)
     rig.answer(True, "lupin-1")
     assert rig.end == ("lupin-1", "")
