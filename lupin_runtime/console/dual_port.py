@@ -36,8 +36,9 @@ class DualPort:
         self._factory = factory
         self._tls = tls
         self._sockets: list[socket.socket] = []
-        self._accepting: list[asyncio.Task[None]] = []
-        self._undecided: dict[str, dict[asyncio.Task[None], None]] = {}  # by address, the oldest first
+        self._is_closed = False
+        self._deciding: set[asyncio.Task[None]] = set()
+        self._undecided: dict[str, dict[asyncio.Task[None], socket.socket]] = {}  # by address, the oldest first
         self._open: dict[str, list[asyncio.BaseTransport]] = {}  # by address: those that count towards its limit
 
     def open(self, host: str, port: int) -> int:
@@ -46,7 +47,7 @@ class DualPort:
         for listener in opened:
             listener.setblocking(False)
             self._sockets.append(listener)
-            self._accepting.append(asyncio.get_running_loop().create_task(self._accept(listener)))
+            self._accept_from(listener)
         return int(opened[0].getsockname()[1])
 
     def use(self, tls: ssl.SSLContext) -> None:
@@ -62,29 +63,39 @@ class DualPort:
 
     async def close(self) -> None:
         """Stop listening; connections that were given to the factory stay open."""
-        tasks = [*self._accepting, *(task for waiting in self._undecided.values() for task in waiting)]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        self._is_closed = True
         for listener in self._sockets:
+            asyncio.get_running_loop().remove_reader(listener)
             listener.close()
+        for waiting in self._undecided.values():
+            for connection in waiting.values():
+                _end(connection)
+        await asyncio.gather(*self._deciding, return_exceptions=True)
 
-    async def _accept(self, listener: socket.socket) -> None:
+    def _accept_from(self, listener: socket.socket) -> None:
+        if not self._is_closed:
+            asyncio.get_running_loop().add_reader(listener, self._accept, listener)
+
+    def _accept(self, listener: socket.socket) -> None:
         loop = asyncio.get_running_loop()
-        while True:
-            try:
-                connection, address = await loop.sock_accept(listener)
-            except OSError:
-                await asyncio.sleep(0.1)  # too many open files; existing connections go on
-                continue
-            host = address[0]
-            if self._count_open(host) >= _MAX_PER_ADDRESS:
-                connection.close()
-                continue
-            self._make_room(host)
-            task = loop.create_task(self._decide(connection, host))
-            self._undecided.setdefault(host, {})[task] = None
-            task.add_done_callback(functools.partial(self._forget, host))
+        try:
+            connection, address = listener.accept()
+        except (BlockingIOError, InterruptedError, ConnectionAbortedError):
+            return  # the client has given up
+        except OSError:
+            loop.remove_reader(listener)
+            loop.call_later(0.1, self._accept_from, listener)  # too many open files; existing connections go on
+            return
+        host = address[0]
+        if self._count_open(host) >= _MAX_PER_ADDRESS:
+            connection.close()
+            return
+        self._make_room(host)
+        task = loop.create_task(self._decide(connection, host))
+        self._deciding.add(task)
+        self._undecided.setdefault(host, {})[task] = connection
+        task.add_done_callback(self._deciding.discard)
+        task.add_done_callback(functools.partial(self._forget, host))
 
     def _make_room(self, address: str) -> None:
         """Close the oldest undecided connection of an address if it has too many, or else of the one that has most of them."""
@@ -95,8 +106,8 @@ class DualPort:
             self._close_oldest(max(others, key=others.__getitem__))
 
     def _close_oldest(self, address: str) -> None:
-        task = next(iter(self._undecided[address]))
-        task.cancel()
+        task, connection = next(iter(self._undecided[address].items()))
+        _end(connection)
         self._forget(address, task)
 
     def _forget(self, address: str, task: asyncio.Task[None]) -> None:
@@ -115,23 +126,27 @@ class DualPort:
     async def _decide(self, connection: socket.socket, address: str) -> None:
         loop = asyncio.get_running_loop()
         connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        options: dict[str, Any] = {}
         try:
-            options: dict[str, Any] = {}
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             if (
                 self._tls is not None
                 and await asyncio.wait_for(_peek_first_byte(connection), _FIRST_BYTE_TIMEOUT_S) == _TLS_HANDSHAKE
             ):
                 options = {"ssl": self._tls, "ssl_handshake_timeout": _FIRST_BYTE_TIMEOUT_S}
-            with contextlib.suppress(OSError):  # the handshake fails if the client does not trust the certificate
-                transport, _ = await loop.connect_accepted_socket(self._factory, connection, **options)
-                if not _is_loopback(address):
-                    self._open.setdefault(address, []).append(transport)
         except (OSError, asyncio.TimeoutError):
             connection.close()
-        except asyncio.CancelledError:
-            connection.close()
-            raise
+            return
+        with contextlib.suppress(OSError):  # the handshake fails if the client does not trust the certificate
+            transport, _ = await loop.connect_accepted_socket(self._factory, connection, **options)
+            if not _is_loopback(address):
+                self._open.setdefault(address, []).append(transport)
+
+
+def _end(connection: socket.socket) -> None:
+    """End a connection; whoever waits for its first byte, or for the rest of its handshake, closes it then."""
+    with contextlib.suppress(OSError):  # the client has ended it already
+        connection.shutdown(socket.SHUT_RDWR)
 
 
 def _is_loopback(address: str) -> bool:
