@@ -27,6 +27,7 @@ from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.ports import PortInUse, owner_of
 from lupin_runtime.console.request_rules import host_name, is_loopback
 from lupin_runtime.console.rosbridge import RosbridgeClient
+from lupin_runtime.console.runner import Runner
 from lupin_runtime.console.sessions import Sessions
 from lupin_runtime.stack.runs import Run
 
@@ -85,7 +86,7 @@ class ConsoleServer:
         self._certificate, self._log = certificate, log
         self._clients = 0
         self._number = 0
-        self._runners: list[web.AppRunner] = []
+        self._runners: list[Runner] = []
         self._port: DualPort | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._turns = 0
@@ -137,8 +138,8 @@ class ConsoleServer:
             return 0
         return int(runner.addresses[0][1])
 
-    async def _start_runner(self, application: web.Application) -> web.AppRunner:
-        runner = web.AppRunner(application, access_log=None, shutdown_timeout=_HANDLER_TIMEOUT_S)
+    async def _start_runner(self, application: web.Application) -> Runner:
+        runner = Runner(application, access_log=None, shutdown_timeout=_HANDLER_TIMEOUT_S)
         await runner.setup()
         self._runners.append(runner)
         return runner

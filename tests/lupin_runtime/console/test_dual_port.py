@@ -20,6 +20,7 @@ from cryptography.x509.oid import NameOID
 
 from lupin_runtime.console import dual_port
 from lupin_runtime.console.dual_port import DualPort
+from lupin_runtime.console.runner import Runner
 
 TIMEOUT_S = 20.0
 
@@ -49,7 +50,7 @@ async def serving(context: ssl.SSLContext | None) -> AsyncIterator[int]:
 
     application = web.Application()
     application.router.add_get("/", answer)
-    runner = web.AppRunner(application)
+    runner = Runner(application)
     await runner.setup()
     assert runner.server is not None
     port = DualPort(runner.server, context)

@@ -13,6 +13,7 @@ import pytest
 from aiohttp import ClientConnectorCertificateError, ClientSession, TCPConnector, web
 
 from lupin_runtime.console.certificate import CertificateStore, ServerCertificate
+from lupin_runtime.console.runner import Runner
 from tests.support.certificates import HostStore, client_context, handshake, reachable
 
 LIMIT_S = 60.0
@@ -28,7 +29,7 @@ def store(tmp_path: Path) -> CertificateStore:
 async def serving(certificate: ServerCertificate) -> AsyncIterator[int]:
     application = web.Application()
     application.router.add_get("/", _answer)
-    runner = web.AppRunner(application)
+    runner = Runner(application)
     await runner.setup()
     site = web.TCPSite(runner, "127.0.0.1", 0, ssl_context=certificate.context)
     await site.start()
