@@ -16,6 +16,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
+from lupin_cli.run.http_session import open_session
 from lupin_cli.run.known_consoles import ConsoleAddress, KnownConsole, console_file, is_cookie, read_known, write_known
 from lupin_cli.run.voice_connection import ConnectionLost, Console
 from lupin_cli.terminal import echo
@@ -278,7 +279,7 @@ async def _request(
 
     async def answer() -> tuple[int, bytes, Mapping[str, str]]:
         async with (
-            aiohttp.ClientSession(cookie_jar=aiohttp.DummyCookieJar()) as session,
+            open_session() as session,
             session.request(method, url, data=data, headers=headers, ssl=trust, allow_redirects=False) as response,
         ):
             content = b""

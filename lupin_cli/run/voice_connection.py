@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from lupin_cli.run.http_session import open_session
 from lupin_runtime.json_text import parse_json
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ async def connect(console: Console) -> AsyncIterator[VoiceConnection]:
     timeout = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_TIMEOUT_S)
     options: dict[str, Any] = {} if console.trust is None else {"ssl": console.trust}
     headers = {"Cookie": console.cookie} if console.cookie else {}
-    async with aiohttp.ClientSession(timeout=timeout, cookie_jar=aiohttp.DummyCookieJar()) as session:
+    async with open_session(timeout=timeout) as session:
         opening = session.ws_connect(f"{console.url}/_api/voice", heartbeat=5.0, headers=headers, **options)
         try:
             socket = await asyncio.wait_for(opening, 2 * CONNECT_TIMEOUT_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import threading
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from aiohttp import WSMsgType, web
 
 from lupin_runtime.console.certificate import CertificateStore, ServerCertificate
 from lupin_runtime.console.dual_port import DualPort
+from lupin_runtime.console.runner import Runner
 from lupin_runtime.json_text import parse_json
 
 CODE = "K7Q2MXPA"
@@ -93,12 +95,13 @@ def serve_console(folder: Path, *, tls: bool = True, store: CertificateStore | N
     certificate = ServerCertificate(store or CertificateStore(folder)) if tls else None
     if certificate is not None:
         console.root = certificate.store.root_path.read_text()
-    loop = asyncio.new_event_loop()
-    ended = asyncio.Event()
+    ends: list[Callable[[], object]] = []
     ready = threading.Event()
 
     async def main() -> None:
-        runner = web.AppRunner(console.application(), shutdown_timeout=0.2)
+        ended = asyncio.Event()
+        ends.append(functools.partial(asyncio.get_running_loop().call_soon_threadsafe, ended.set))
+        runner = Runner(console.application(), shutdown_timeout=0.2)
         await runner.setup()
         assert runner.server is not None
         port = DualPort(runner.server, certificate.context if certificate else None)
@@ -108,12 +111,12 @@ def serve_console(folder: Path, *, tls: bool = True, store: CertificateStore | N
         await port.close()
         await runner.cleanup()
 
-    thread = threading.Thread(target=loop.run_until_complete, args=(main(),), name="fake-console")
+    thread = threading.Thread(target=lambda: asyncio.run(main()), name="fake-console")
     thread.start()
     try:
         assert ready.wait(20.0)
         yield console
     finally:
-        loop.call_soon_threadsafe(ended.set)
+        for end in ends:
+            end()
         thread.join()
-        loop.close()
