@@ -44,7 +44,7 @@ LARGE_PACKETS = 20
 BURST = 40  # packets to each port in use: more than other traffic in the same time
 PORTS_EXAMINED = 12
 FIRST_PARTICIPANT_PORT, LAST_PARTICIPANT_PORT = 7400, 7650
-# Without an agent at the other end: a port of no domain, one of participants that nobody has, and the server's.
+# Without an agent at the other end: a port outside all domains, one that no participant uses, and the discovery server's.
 ASKED_PORTS = (CLOSED_PORT, 7599, DISCOVERY_PORT)
 PACED_PER_PORT = 3
 SOME_LOST = 0.95  # a share of packets below which it is examined what takes the others

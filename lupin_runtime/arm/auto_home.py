@@ -52,7 +52,7 @@ class NotHome(RuntimeError):
 
 
 class LeftAlone(NotHome):
-    """Somebody uses the arm, or whoever asked for the motion no longer does."""
+    """The arm is in use, or the request to move it was withdrawn."""
 
 
 class Estopped(NotHome):
@@ -212,7 +212,7 @@ class AutoHome:
             if answer is not None and answer.message.startswith(ESTOP_ENGAGED):
                 raise Estopped(answer.message)
             if answer is not None and answer.message.startswith(RESERVED) and self._limits.idle_s is None:
-                raise LeftAlone(answer.message)  # sent home a moment later, it would meet the hand of whoever used it
+                raise LeftAlone(answer.message)  # it was in use a moment ago: a hand may still be near it
             if self._now_s() + RETRY_S > deadline:
                 reason = "no response" if answer is None else answer.message
                 raise NotHome(f"{graph.ARM_PRESET.name} did not send the arm home: {reason}")
@@ -372,7 +372,7 @@ def main(arguments: list[str]) -> int:
 def _report_failure(reason: NotHome, unattended: bool, before: home_report.HomeReport | None = None) -> int:
     """Write why the arm was not sent home; return the exit status. systemd tries again, unless that is ESTOPPED."""
     if isinstance(reason, LeftAlone):
-        # The arm is in somebody's hands, who needs no help, or nobody waits for it.
+        # No failure: an operator uses the arm, or withdrew the request.
         home_report.write_left_alone(before, str(reason))
         return ESTOPPED if unattended else FAILURE
     if isinstance(reason, Estopped):

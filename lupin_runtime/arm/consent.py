@@ -21,7 +21,7 @@ class Consent:
     def __init__(self, descriptor: int = 0) -> None:
         self._descriptor = descriptor
         self._received = b""
-        self.is_refused = False  # nobody can answer any more
+        self.is_refused = False  # no answer can arrive any more
 
     def ask(self) -> None:
         """Print the question; what was received before answers nothing."""

@@ -90,7 +90,7 @@ class ManualControl:
     def set_stop(self, client: Driver, engaged: bool, press: str = "") -> str:
         """Engage a client's own stop, or let go of it, which everybody may. A page names its `press`.
 
-        A program names none: with control, which it takes if it is free, it also releases the stops that nobody holds any more.
+        A program names none: with control, which it takes if it is free, it also releases the stops of closed connections.
         Returns who has released this press meanwhile, so that it is not engaged again; otherwise an empty text.
         """
         now_ns = self._node.monotonic_ns()
