@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
-
 from aiohttp import web
+
+from lupin_runtime.console.socket_closing import close_sockets
 
 
 class Runner(web.AppRunner):
-    """A runner whose connections are closed after `cleanup`.
-
-    Those over TLS would otherwise stay open until the client has answered their end, and the event loop may end before.
-    """
+    """A runner whose connections are closed after `cleanup`."""
 
     async def cleanup(self) -> None:
         """Stop listening, end all handlers, and close all connections."""
-        server = self.server
-        connections = server.connections if server is not None else []
+        connections = self.server.connections if self.server is not None else []
         transports = [connection.transport for connection in connections]
+        sockets = [transport.get_extra_info("socket") for transport in transports if transport is not None]
         await super().cleanup()
-        for transport in transports:
-            if isinstance(transport, asyncio.Transport):
-                transport.abort()
-        await asyncio.sleep(0)  # the event loop closes what was aborted
+        await close_sockets([each for each in sockets if each is not None])
