@@ -22,7 +22,7 @@ COOKIE = "lupin_session=abcdefgh-1234"
 
 
 class FakeConsole:
-    """Serves on localhost. `answers` has by path the status and the text of an answer in place of the usual one; 0: none."""
+    """Serves on 127.0.0.1. `answers` has by path the status and the text of an answer in place of the usual one; 0: none."""
 
     port: int
 

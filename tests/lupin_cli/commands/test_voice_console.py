@@ -125,7 +125,7 @@ def pair(host: GraphHost, console: Console, tmp_path: Path, role: str = "operato
     """Pair with the code of a role, and return the console."""
     code = json.loads((tmp_path / "console.json").read_text())["codes"][role]
     consent = Consent(code, ask_trust=lambda _: True)
-    found = during(host, lambda: reach_console(ConsoleAddress("localhost", console.port), consent), "the pairing")
+    found = during(host, lambda: reach_console(ConsoleAddress("127.0.0.1", console.port), consent), "the pairing")
     assert isinstance(found, voice_connection.Console)
     return found
 
@@ -172,7 +172,7 @@ def test_burst_ends_when_the_link_is_lost(
             link = connection._socket._response.connection
             assert link is not None and link.transport is not None
             link.transport.abort()
-            with pytest.raises(voice_connection.ConnectionLost, match="lupin voice --console localhost"):
+            with pytest.raises(voice_connection.ConnectionLost, match=r"lupin voice --console 127\.0\.0\.1"):
                 await connection.wait_until_lost()
             await asyncio.gather(call, return_exceptions=True)
 

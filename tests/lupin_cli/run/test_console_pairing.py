@@ -35,7 +35,7 @@ def console(tmp_path: Path) -> Iterator[FakeConsole]:
 
 
 def address_of(console: FakeConsole) -> ConsoleAddress:
-    return ConsoleAddress("localhost", console.port)
+    return ConsoleAddress("127.0.0.1", console.port)
 
 
 def refuse(_: str) -> bool:
@@ -60,7 +60,7 @@ def test_authority_that_nobody_accepts_gets_nothing(console: FakeConsole) -> Non
     for consent in (Consent(CODE), Consent(CODE, ask_trust=lambda _: False), Consent(CODE, accept="AB:CD", ask_trust=refuse)):
         with pytest.raises(AccessRefused, match="nothing was sent") as raised:
             reach_console(address_of(console), consent)
-    command = f"lupin voice --console localhost:{console.port} --accept {fingerprint(console.root)}"
+    command = f"lupin voice --console 127.0.0.1:{console.port} --accept {fingerprint(console.root)}"
     assert str(raised.value).endswith(command) and "not AB:CD" in str(raised.value)
     assert {path for path, *_ in console.requests} == {"/authority.crt"} and read_known(address_of(console)) is None
 
@@ -79,7 +79,7 @@ def test_changed_authority_is_refused_with_the_next_command(console: FakeConsole
     with pytest.raises(AccessRefused, match="another authority than the accepted one") as raised:
         reach_console(address_of(console), replace(PAIRING, ask_trust=refuse))
     assert other.sha256 in str(raised.value) and console.requests == []
-    assert str(raised.value).endswith(f"lupin voice --console localhost:{console.port} --forget")
+    assert str(raised.value).endswith(f"lupin voice --console 127.0.0.1:{console.port} --forget")
 
 
 def test_known_console_is_refused_if_another_is_accepted(console: FakeConsole) -> None:
@@ -132,7 +132,7 @@ def test_certificate_of_another_time_names_the_clocks(tmp_path: Path) -> None:
 def test_code_pairs_once_and_the_cookie_is_kept(console: FakeConsole, capsys: pytest.CaptureFixture[str]) -> None:
     first = reach_console(address_of(console), PAIRING)
     again = reach_console(address_of(console), Consent())
-    assert first.cookie == again.cookie == COOKIE and again.url == f"https://localhost:{console.port}"
+    assert first.cookie == again.cookie == COOKIE and again.url == f"https://127.0.0.1:{console.port}"
     assert [path for path, *_ in console.requests].count("/_api/pair") == 1
     output = capsys.readouterr()
     assert "paired with" in output.err and "computer-1, operator" in output.err
@@ -207,7 +207,7 @@ def test_answer_of_another_kind_is_named(console: FakeConsole, path: str, answer
 def test_wait_for_an_answer_is_bounded_and_named(console: FakeConsole, monkeypatch: pytest.MonkeyPatch, path: str) -> None:
     monkeypatch.setattr(console_pairing, "ANSWER_TIMEOUT_S", 0.3)
     console.answers[path] = (0, "")
-    with pytest.raises(ConnectionLost, match=f"no answer of localhost:{console.port} for {path} within 0.3 s; see there"):
+    with pytest.raises(ConnectionLost, match=f"no answer of 127.0.0.1:{console.port} for {path} within 0.3 s; see there"):
         reach_console(address_of(console), PAIRING)
 
 
@@ -260,4 +260,4 @@ def test_damaged_authority_in_the_file_says_what_to_type(console: FakeConsole) -
 
 def test_console_says_how_to_connect_again(console: FakeConsole) -> None:
     reached = reach_console(address_of(console), PAIRING)
-    assert isinstance(reached, Console) and reached.next_step.endswith(f"lupin voice --console localhost:{console.port}")
+    assert isinstance(reached, Console) and reached.next_step.endswith(f"lupin voice --console 127.0.0.1:{console.port}")

@@ -59,7 +59,7 @@ def test_every_connection_is_closed_at_the_end(store: CertificateStore, kind: st
     trust = client_context(store.root_path.read_bytes())
 
     async def ask(port: int) -> bytes:
-        async with open_session() as session, session.get(f"https://localhost:{port}/", ssl=trust) as response:
+        async with open_session() as session, session.get(f"https://127.0.0.1:{port}/", ssl=trust) as response:
             return await response.content.readexactly(2)
 
     with (
@@ -78,7 +78,7 @@ def test_websocket_is_closed_at_the_end(store: CertificateStore) -> None:
         trust = client_context(store.root_path.read_bytes())
         async with open_session() as session:
             with pytest.raises(Exception, match="Invalid challenge response"):
-                await session.ws_connect(f"https://localhost:{port}/", ssl=trust)
+                await session.ws_connect(f"https://127.0.0.1:{port}/", ssl=trust)
 
     with unclosed() as found, serve(ServerCertificate(store).context, upgrade) as port:
         asyncio.run(connect(port))
