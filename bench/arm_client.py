@@ -229,7 +229,7 @@ def measure_jog(samples: int) -> int:
 def measure_rest(signal_: str) -> int:
     """End the pad's process and `body` by this signal while the arm moves; print how long it moved on."""
     number = signal.Signals[f"SIG{signal_}"]
-    time.sleep(RESTARTS_WITHIN_S / 2)  # `body` is ended twice here; after four times in a minute it would be given up
+    time.sleep(RESTARTS_WITHIN_S)  # `body` is ended twice here; after four times within this it would be given up
     with _client() as client:
         rest_s = {
             "jog_without_pads": _rest_of_pads(client, number),
