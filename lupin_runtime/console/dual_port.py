@@ -144,7 +144,7 @@ class DualPort:
 
 
 def _end(connection: socket.socket) -> None:
-    """End a connection; whoever waits for its first byte, or for the rest of its handshake, closes it then."""
+    """Shut a connection down: the wait for its first byte, or its TLS handshake, fails then, and closes it."""
     with contextlib.suppress(OSError):  # the client has ended it already
         connection.shutdown(socket.SHUT_RDWR)
 

@@ -68,7 +68,7 @@ class VoiceSession:
         self._order = asyncio.Lock()
         self._tasks: dict[asyncio.Task[None], Call] = {}
         self._state: dict[str, Any] = {}
-        self._told_stop = (-1, -math.inf)  # the turn and the time of the last word for stopping that the page was told of
+        self._told_stop = (-1, -math.inf)  # turn and time of the last spoken stop that the page was told
         self._is_closed = False  # whether the page may not move the robot, as its release button was not held
         self._hearing = Hearing(
             session, listener, self.push_state, self.stop_at_once, lambda identifier, text: self._offline.hear(identifier, text)

@@ -39,18 +39,25 @@ def serve(context: ssl.SSLContext, answer: bytes) -> Iterator[int]:
     ended = threading.Event()
 
     def run() -> None:
+        with contextlib.suppress(OSError):
+            answer_client()
+
+    def answer_client() -> None:
         connection, _ = listener.accept()
-        with connection, contextlib.suppress(OSError), context.wrap_socket(connection, server_side=True) as client:
+        with connection, context.wrap_socket(connection, server_side=True) as client:
             client.recv(4096)
             client.sendall(answer)
             ended.wait(20.0)
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(20.0)
         thread = threading.Thread(target=run)
         thread.start()
-        yield listener.getsockname()[1]
-        ended.set()
-        thread.join()
+        try:
+            yield listener.getsockname()[1]
+        finally:
+            ended.set()
+            thread.join()
 
 
 @pytest.mark.parametrize("kind", ANSWERS)
