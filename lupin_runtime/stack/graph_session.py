@@ -26,6 +26,7 @@ from lupin_runtime import graph
 from lupin_runtime.drive.twist import decode
 from lupin_runtime.json_text import parse_json
 from lupin_runtime.stack.message_header import read_header
+from lupin_runtime.stack.service_calls import CALL_TIMEOUT_S, ServiceCalls
 from lupin_runtime.stack.wheel_watch import WheelWatch
 
 # Names are complete once they have not changed for this long: the first time if a working robot has been observed, the last
@@ -37,8 +38,6 @@ LISTEN_S = 1.2
 SAMPLE_TIMEOUT_S = 4.0
 # A first sample takes up to 3.3 s through a discovery server. Until any topic has delivered, the timeout is longer.
 SILENCE_TIMEOUT_S = 6.0
-# A server that has not yet discovered the client when it responds drops the response: the request is repeated meanwhile.
-CALL_TIMEOUT_S, REPEAT_CALL_S = 3.0, 0.8
 # A topic has shown a usable rate, or clearly missed it, only after these times since its first sample: data may come in bursts.
 RATE_AFTER_S, RATE_WINDOW_S = 0.5, 1.5
 QUEUE = 50  # a second of the fastest topic: a pause of this process must not look like a slow topic
@@ -50,12 +49,6 @@ ROBOT_TOPICS = tuple(topic for topic in graph.topics() if topic.repeats and topi
 PROBED_TOPICS = tuple(topic for topic in graph.topics() if topic.repeats or topic.probed)
 # By the names by which the bus says who drives.
 DRIVE_INPUTS = {"joy": graph.CMD_VEL_JOY, "manual": graph.CMD_VEL_MANUAL, "auto": graph.CMD_VEL_AUTO}
-# Three servers in three processes of the robot: the controller manager, the motor board and the onboard stack.
-PROBED_SERVICES: tuple[graph.Service, ...] = (
-    graph.LIST_CONTROLLERS,
-    graph.servo_range(graph.SERVOS[-1]),
-    graph.ARM_LIBRARY_LIST,
-)
 NOMINAL_HZ = {row.name: row.rate_hz for row in PROBED_TOPICS if row.repeats and (row.rate_hz or 0.0) > graph.UNTIMED_HZ}
 NODE_PREFIX = "lupin_probe_"  # of the node of every graph probe
 
@@ -78,11 +71,9 @@ class GraphSession:
         self.samples: dict[str, dict[str, Any]] = {}
         self.inputs: dict[str, dict[str, int]] = {}
         self.states: dict[str, Any] = {}
-        self.calls: dict[str, dict[str, Any]] = {}
-        self.controllers: list[dict[str, str]] | None = None
-        self._pending: dict[str, Any] = {}
+        self.calls = ServiceCalls(self.node)
         self._names: dict[str, Any] = {}
-        self._since_s: dict[str, float] = {}  # when each topic was subscribed and each service call was started
+        self._since_s: dict[str, float] = {}  # when each topic was subscribed
         self._begun = _processor_time_s()
         self.late: list[str] = []  # topics and services that appeared too late to be observed
         self.wheels = WheelWatch()
@@ -109,7 +100,7 @@ class GraphSession:
 
         def settled() -> bool:
             nonlocal since_s, polled_s
-            self._advance_calls()
+            self.calls.advance()
             now_s = time.monotonic()
             if now_s - polled_s < POLL_S:
                 return False
@@ -127,7 +118,7 @@ class GraphSession:
     def _subscribe_and_call(self) -> None:
         """Subscribe to the topics and call the services that have appeared since the last time."""
         self.subscribe({topic["name"]: topic for topic in self._names["topics"]})
-        self.call()
+        self.calls.begin()
 
     def names(self) -> dict[str, Any]:
         """Return the nodes, and the topics with their endpoints, without those of this probe."""
@@ -235,36 +226,6 @@ class GraphSession:
         self.inputs[name]["count"] += 1
         self.inputs[name]["moving"] += int(twist is not None and not twist.is_neutral())
 
-    def call(self) -> None:
-        """Call every probed service that has a server, without waiting for the responses."""
-        from lupin_runtime.ros.interfaces import interface
-
-        served = dict(self.node.get_service_names_and_types())
-        for row in PROBED_SERVICES:
-            if row.name not in served or row.name in self.calls:
-                continue
-            self.calls[row.name] = {"answered": False, "round_trip_s": None}
-            self._since_s[row.name] = time.monotonic()
-            client = self.node.client(row)
-            self._pending[row.name] = (client, interface(row.type).Request(), [])
-
-    def _advance_calls(self) -> None:
-        """Send the requests whose server is ready, repeat those without a response, and take the responses that arrived."""
-        for name, (client, request, sent) in list(self._pending.items()):
-            now_s = time.monotonic()
-            answered = next(((future, sent_s) for future, sent_s in sent if future.done()), None)
-            if answered is not None:
-                future, sent_s = answered
-                self.calls[name] = {"answered": True, "round_trip_s": round(now_s - sent_s, 4)}
-                if name == graph.LIST_CONTROLLERS.name:
-                    self.controllers = [{"name": c.name, "state": c.state, "type": c.type} for c in future.result().controller]
-                del self._pending[name]
-            elif not sent and client.service_is_ready():
-                self._since_s[name] = now_s
-                sent.append((client.call_async(request), now_s))
-            elif sent and now_s - sent[-1][1] > REPEAT_CALL_S:
-                sent.append((client.call_async(request), now_s))
-
     def wait(self) -> None:
         """Wait until every topic has delivered and every service has answered, or until the timeout of each has expired.
 
@@ -284,11 +245,11 @@ class GraphSession:
                 scanned_s, before, self._names = now_s, self._names, self.names()
                 changed_s = changed_s if self._names == before else now_s
                 self._subscribe_and_call()
-            self._advance_calls()
+            self.calls.advance()
             empty = not self._names["topics"]
             # On a busy machine, services may answer before any topic is known.
-            has_topics = bool(self.samples) or not any(call["answered"] for call in self.calls.values())
-            all_called = len(self.calls) == len(PROBED_SERVICES) or empty or now_s - started_s > CALL_TIMEOUT_S
+            has_topics = bool(self.samples) or not self.calls.is_any_answered
+            all_called = self.calls.is_complete or empty or now_s - started_s > CALL_TIMEOUT_S
             if changed_s < scanned_s and self._is_observed():
                 return True
             return (
@@ -302,23 +263,19 @@ class GraphSession:
         self.until(done, WAIT_TIMEOUT_S)
         end_s = time.monotonic()
         for name, since_s in self._since_s.items():
-            timeout_s = CALL_TIMEOUT_S if name in self.calls else SAMPLE_TIMEOUT_S
-            answered = self.calls[name]["answered"] if name in self.calls else self.samples[name]["count"]
-            if not answered and end_s - since_s < timeout_s:
-                (self.calls if name in self.calls else self.samples).pop(name)
+            if not self.samples[name]["count"] and end_s - since_s < SAMPLE_TIMEOUT_S:
+                del self.samples[name]
                 self.late.append(name)
-        for name, (_, _, sent) in self._pending.items():
-            if name in self.calls:
-                self.calls[name]["sent"] = bool(sent)
+        self.late += self.calls.drop_late(end_s)
 
     def _is_observed(self) -> bool:
         """Return whether all topics and services of a working robot have answered, and its drive bus is matched and idle."""
-        has_interfaces = all(row.name in self.samples for row in ROBOT_TOPICS) and len(self.calls) == len(PROBED_SERVICES)
+        has_interfaces = all(row.name in self.samples for row in ROBOT_TOPICS) and self.calls.is_complete
         return has_interfaces and bool(self.matched_drive_inputs()) and not self.inputs and not self._waited_for()
 
     def _waited_for(self) -> list[tuple[float, float]]:
         """Return (start, timeout in seconds) of everything that has not answered yet."""
-        return [*self._topics_waited_for(), *self._calls_waited_for(), *self._rates_waited_for()]
+        return [*self._topics_waited_for(), *self.calls.waited_for(), *self._rates_waited_for()]
 
     def _topics_waited_for(self) -> list[tuple[float, float]]:
         """Return (start of the wait, timeout in seconds) of every subscribed topic without a sample."""
@@ -345,10 +302,6 @@ class GraphSession:
         """Return the share of its time in which this process computed, or waited for a processor; None if it is not known."""
         now_s = _processor_time_s()
         return None if now_s is None or self._begun is None else round((now_s - self._begun) / max(self.elapsed_s(), 0.001), 2)
-
-    def _calls_waited_for(self) -> list[tuple[float, float]]:
-        """Return (start of the wait, timeout in seconds) of every call without a response."""
-        return [(self._since_s[name], CALL_TIMEOUT_S) for name, call in self.calls.items() if not call["answered"]]
 
 
 def _is_fast(count: int, listened_s: float, nominal_hz: float) -> bool:
@@ -406,8 +359,8 @@ def probe_graph() -> dict[str, Any]:
         "inputs": session.inputs,
         "idle_wheels_s": round(session.wheels.idle_s, 3),
         "said": session.states,
-        "calls": session.calls,
+        "calls": session.calls.outcomes,
         "late": session.late,
         "busy": busy,
-        "controllers": session.controllers,
+        "controllers": session.calls.controllers,
     }

@@ -28,6 +28,7 @@ from lupin_runtime import graph
 from lupin_runtime.stack import graph_probe, graph_session
 from lupin_runtime.stack.known_graphs import known_graphs
 from lupin_runtime.stack.runs import create_run
+from lupin_runtime.stack.service_calls import CALL_TIMEOUT_S, ServiceCalls
 
 if TYPE_CHECKING:
     from tests.conftest import GraphHost
@@ -97,7 +98,7 @@ def test_robot_hung_after_discovery_gives_names_but_no_samples(
     robot: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     process = robot()
-    listen, call = graph_session.GraphSession.subscribe, graph_session.GraphSession.call
+    listen, call = graph_session.GraphSession.subscribe, ServiceCalls.begin
     stopped = []
 
     def stop_and_subscribe(self: graph_session.GraphSession, topics: dict[str, Any]) -> None:
@@ -107,12 +108,12 @@ def test_robot_hung_after_discovery_gives_names_but_no_samples(
             stopped.append(process.pid)
             listen(self, topics)
 
-    def call_the_stopped(self: graph_session.GraphSession) -> None:
+    def call_the_stopped(self: ServiceCalls) -> None:
         if stopped:  # a response from before the stop would show a working connection
             call(self)
 
     monkeypatch.setattr(graph_session.GraphSession, "subscribe", stop_and_subscribe)
-    monkeypatch.setattr(graph_session.GraphSession, "call", call_the_stopped)
+    monkeypatch.setattr(ServiceCalls, "begin", call_the_stopped)
     monkeypatch.setattr(graph_session, "SILENCE_TIMEOUT_S", 4.0)
     seen = read(json.dumps(graph_session.probe_graph()))
     assert len(seen.nodes) >= 1 and len(seen.samples) >= 5
@@ -243,23 +244,25 @@ def test_empty_graph_gives_no_finding() -> None:
 
 def test_request_whose_response_was_lost_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimpleNamespace(now_s=0.0)
-    monkeypatch.setattr("lupin_runtime.stack.graph_session.time", SimpleNamespace(monotonic=lambda: clock.now_s))
-    sent: list[Future[str]] = []
+    monkeypatch.setattr("lupin_runtime.stack.service_calls.time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    sent: list[Future[SimpleNamespace]] = []
 
-    def call_async(_request: object) -> Future[str]:
+    def call_async(_request: object) -> Future[SimpleNamespace]:
         sent.append(Future())
         return sent[-1]
 
-    session, name = object.__new__(graph_session.GraphSession), graph.ARM_LIBRARY_LIST.name
-    session.calls, session._since_s = {name: {"answered": False}}, {}
-    session._pending = {name: (SimpleNamespace(service_is_ready=lambda: True, call_async=call_async), None, [])}
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=call_async)
+    row = graph.LIST_CONTROLLERS
+    calls = ServiceCalls(SimpleNamespace(get_service_names_and_types=lambda: [(row.name, [row.type])], client=lambda _: client))
+    calls.begin()
     for clock.now_s, requests in ((1.0, 1), (1.1, 1), (1.5, 1), (2.0, 2)):
-        session._advance_calls()
-        assert len(sent) == requests and session._since_s[name] == 1.0
-    sent[1].set_result("listed")
+        calls.advance()
+        assert len(sent) == requests and calls.waited_for() == [(1.0, CALL_TIMEOUT_S)]
+    sent[1].set_result(SimpleNamespace(controller=[]))
     clock.now_s = 2.1
-    session._advance_calls()
-    assert session.calls[name] == {"answered": True, "round_trip_s": pytest.approx(0.1)} and not session._pending
+    calls.advance()
+    assert calls.outcomes == {row.name: {"answered": True, "round_trip_s": pytest.approx(0.1)}}
+    assert calls.controllers == [] and not calls.waited_for() and calls.drop_late(2.2) == []
 
 
 def test_probe_that_hangs_is_killed_and_reported() -> None:
