@@ -42,7 +42,8 @@ def command(
     """Command the robot by spoken or typed sentences; everything runs on this computer, without the internet.
 
     Each sentence becomes one call of a tool, which the console checks. What moves the robot, except short bursts, is read back
-    and waits for yes or no. What is not understood is asked again. Stop, halt and nee engage the e-stop at once.
+    and waits for yes or no; so does what only may have been meant, or ends with a question mark. What is not understood is
+    asked again. Stop, halt and nee engage the e-stop at once.
 
     The console of another computer is paired once, with a code that `lupin console code` shows there.
 

@@ -7,7 +7,7 @@ import contextlib
 import json
 import sys
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from lupin_cli.run.voice_connection import Console, VoiceConnection, connect, new_identifier
@@ -21,13 +21,14 @@ from lupin_runtime.voice.language import Language
 from lupin_runtime.voice.recognizer import CommandRecognizer
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.speech import Speaker, SpeechUnavailable
+from lupin_runtime.voice.utterance import Confirmation
 
 NO_CONSOLE = "this run has no console; start one with: lupin console"
 NOT_CONFIRMED = "nobody answered the read-back; type both lines: lupin voice --text"
 ENGLISH_ONLY = "speech is recognized in English only; for other languages use --text"
 
 # Answers to a read-back that are typed, not spoken: "why" sounds like the letter.
-_LETTERS = {"y": "yes", "n": "no", "j": "ja"}
+_LETTERS = {"y": True, "j": True, "n": False}
 
 
 @dataclass(frozen=True)
@@ -159,9 +160,11 @@ class _Session:
 
     async def _work(self) -> None:
         while (turn := await self._waiting.get()) is not None:
-            if self._options.is_typed and self._dialog.waits_for_answer:
-                turn = replace(turn, sentence=_LETTERS.get(turn.sentence.lower(), turn.sentence))
-            await self._show(await self._dialog.handle(turn))
+            agrees = _LETTERS.get(turn.sentence.lower())
+            if self._options.is_typed and self._dialog.waits_for_answer and agrees is not None:
+                await self._show(await self._dialog.answer(turn, Confirmation(agrees)))
+            else:
+                await self._show(await self._dialog.handle(turn))
             if self._options.sentence is not None and self._dialog.waits_for_answer:
                 await self._answer_once()
 
@@ -170,8 +173,9 @@ class _Session:
         if not is_interactive():
             echo(NOT_CONFIRMED, err=True)
             return
-        answer = "yes" if await asyncio.to_thread(confirm, "Yes?") else "no"
-        await self._show(await self._dialog.handle(Turn(answer, "text", new_identifier())))
+        agrees = await asyncio.to_thread(confirm, "Yes?")
+        turn = Turn("yes" if agrees else "no", "text", new_identifier())
+        await self._show(await self._dialog.answer(turn, Confirmation(agrees)))
 
     async def _stop(self, turn: Turn) -> None:
         while not self._waiting.empty():

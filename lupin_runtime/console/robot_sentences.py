@@ -27,6 +27,7 @@ from lupin_runtime.mission import events
 from lupin_runtime.safety import console_server_stop, console_stop, estop, estop_monitor, expected_sources
 from lupin_runtime.stack import liveness
 from lupin_runtime.voice import dialog, envelope, executor, turns
+from lupin_runtime.voice.questions import QUESTIONS
 from lupin_runtime.voice.tools import TOOLS
 
 # Name → template: `{seconds}` stands for a number, and every other place for text, which may be a sentence itself.
@@ -85,6 +86,12 @@ SENTENCES = {
     **dict(zip(("light_of_stop", "light_of_pause", "light_of_lost_laptop"), BEFORE_MANUAL, strict=True)),
     # What the voice agent reads back, and why its calls are refused.
     **{"_".join(filter(None, ("asks", tool.name, action))): text for tool in TOOLS for action, text in tool.read_back.items()},
+    **{
+        "_".join(filter(None, ("asks", tool, action, "" if index == 0 else "otherwise"))): text
+        for tool, questions in QUESTIONS.items()
+        for action, texts in questions.items()
+        for index, text in enumerate(texts)
+    },
     "call_cut_off": envelope.CUT_OFF,
     "cut_off_flood": turns.FLOOD,
     "cut_off_loop": turns.LOOP,

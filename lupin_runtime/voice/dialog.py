@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from lupin_runtime.voice.envelope import CONFIRM_WITHIN_S
 from lupin_runtime.voice.grammar import parse
 from lupin_runtime.voice.language import Language
+from lupin_runtime.voice.questions import ASK
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.tools import CONFIRMATION
 from lupin_runtime.voice.utterance import Call, Confirmation, Context, Question
@@ -76,8 +79,12 @@ class Reply:
 class Dialog:
     """Handles the sentences of one operator in a language. Without an agent, calls are shown and not sent."""
 
-    def __init__(self, agent: Agent | None, language: Language, names: Names) -> None:
+    def __init__(
+        self, agent: Agent | None, language: Language, names: Names, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
         self._agent = agent
+        self._now_s = now_s
+        self._asked_s = 0.0  # when something was read back
         self.language = language
         self._context = Context(names)
         self._token = ""
@@ -103,6 +110,7 @@ class Dialog:
 
     async def handle(self, turn: Turn, answers: str | None = None) -> Reply:
         """Do what a sentence asks for. A yes counts only for what was read back with the token `answers`, if that is given."""
+        self._forget_in_time()
         if self._agent is not None:
             self._context = replace(self._context, speed_cap=float(self._agent.state.get("speed_cap", 1.0)))
         understood = self.understand(turn.sentence)
@@ -110,7 +118,7 @@ class Dialog:
             return await self._ask(turn, understood)
         if isinstance(understood, Call):
             self.forget()
-            return await self._send(turn, understood, {})
+            return await self._send(turn, understood)
         return await self.answer(turn, understood, answers)
 
     async def stop(self, turn: Turn) -> Reply:
@@ -126,19 +134,22 @@ class Dialog:
         pending = self._context.pending
         if pending is not None and turn.by == "speech":
             # The sentence was a turn, and a confirmation must come in the next one: read back again.
-            again = await self._send(turn, pending, {})
+            again = await self._send(turn, pending, ASK)
             return replace(again, text=f"{_sentence(question.reason)} {again.text}")
+        if pending is None and question.meant is not None:
+            return await self._send(turn, question.meant, ASK)
         hint = f" Say, for example: {'; '.join(question.nearest)}." if question.nearest else ""
         return Reply(turn.sentence, f"{_sentence(question.reason)}{hint}", False, nearest=question.nearest)
 
     async def answer(self, turn: Turn, answer: Confirmation, answers: str | None = None) -> Reply:
         """Carry out what was read back, or forget it. A yes counts only for the token `answers`, if that is given."""
+        self._forget_in_time()
         pending, token = self._context.pending, self._token
         if pending is None or (answer.agrees and answers not in (None, token)):
             return Reply(turn.sentence, NOTHING_READ_BACK, False)
         self.forget()
         if answer.agrees:
-            return await self._send(turn, pending, {CONFIRMATION.name: token})
+            return await self._send(turn, pending, token)
         if self._agent is not None:
             await self._agent.interrupt()
         return Reply(turn.sentence, CANCELED, False, pending)
@@ -147,13 +158,19 @@ class Dialog:
         """Forget what was read back, as the console does at a stop."""
         self._context, self._token = replace(self._context, pending=None), ""
 
-    async def _send(self, turn: Turn, call: Call, confirmation: Mapping[str, str]) -> Reply:
+    def _forget_in_time(self) -> None:
+        if self._now_s() - self._asked_s > CONFIRM_WITHIN_S:
+            self.forget()
+
+    async def _send(self, turn: Turn, call: Call, confirmation: str = "") -> Reply:
+        """Send a call with a confirmation, which is ASK for one that must be read back."""
         if self._agent is None:
-            return _show_call(turn, call)
+            return _show_call(turn, call, is_asked=confirmation == ASK)
         await self._agent.announce_turn(turn.identifier, turn.by)
-        response = await self._agent.call(call.tool, {**call.arguments, **confirmation})
+        given = {CONFIRMATION.name: confirmation} if confirmation else {}
+        response = await self._agent.call(call.tool, {**call.arguments, **given})
         if response.get("confirm"):
-            self._context = replace(self._context, pending=call)
+            self._context, self._asked_s = replace(self._context, pending=call), self._now_s()
             self._token = str(response[CONFIRMATION.name])
             sentence = str(response["confirm"])
             return Reply(turn.sentence, f"{_sentence(sentence)} Yes or no?", False, call, response, sentence)
@@ -190,9 +207,10 @@ def names_in(locations: Mapping[str, Any], library: Mapping[str, Any]) -> Names:
     )
 
 
-def _show_call(turn: Turn, call: Call) -> Reply:
+def _show_call(turn: Turn, call: Call, *, is_asked: bool = False) -> Reply:
     arguments = json.dumps(dict(call.arguments), ensure_ascii=False)
-    return Reply(turn.sentence, f"would call {call.tool} {arguments}", True, call)
+    what = "would ask before it calls" if is_asked else "would call"
+    return Reply(turn.sentence, f"{what} {call.tool} {arguments}", not is_asked, call)
 
 
 def describe(tool: str, response: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from lupin_runtime.voice.arguments import BadArgument, shown
+from lupin_runtime.voice.questions import ASK, question
 from lupin_runtime.voice.tools import BY_NAME, CONFIRMATION, Effect, Tool
 from lupin_runtime.voice.turns import Turns
 from lupin_runtime.voice.untrusted import quote_all
@@ -32,8 +33,8 @@ TOO_LONG = f"the bursts of one turn may last {BURSTS_S:g} s; use nav_forward, or
 NO_POSE = "the robot's pose on the map is not known"
 READ_BACK = "read this back to the operator; if they agree, call it again in their next turn with this confirmation"
 NOT_CONFIRMED = "the operator has not answered yet; wait for their next turn"
-UNKNOWN_CONFIRMATION = "this confirmation is not known, or was used; call without it to read back again"
-OTHER_ARGUMENTS = "the call differs from what was read back; call without confirmation to read back again"
+UNKNOWN_CONFIRMATION = "this confirmation is not known, or was used; call with the confirmation 'ask' to read back again"
+OTHER_ARGUMENTS = "the call differs from what was read back; call with the confirmation 'ask' to read back again"
 LATE_CONFIRMATION = f"the confirmation did not come in the next turn within {CONFIRM_WITHIN_S:g} s; read back again"
 
 
@@ -58,13 +59,18 @@ class Situation:
 
 @dataclass(frozen=True)
 class Call:
-    """A call that was admitted in a turn. Its arguments are checked; `confirmation` is the token that the model gave."""
+    """A call that was admitted in a turn. Its arguments are checked; `confirmation` is the token that was given, or ASK."""
 
     tool: Tool
     arguments: dict[str, Any]
     turn: int
     confirmation: str | None = None
     key: Hashable = field(default=None, repr=False)
+
+    @property
+    def is_unconfirmed(self) -> bool:
+        """Whether nothing was read back for it yet."""
+        return self.confirmation in (None, ASK)
 
 
 @dataclass(frozen=True)
@@ -147,7 +153,10 @@ class Envelope:
             return self._refuse(call.key, _failure(NO_POSE))
         if tool.name == "drive" and self._burst_time_s(call) > BURSTS_S:
             return self._refuse(call.key, _failure(TOO_LONG))
-        if (sentence := tool.sentence(call.arguments)) and (pending := self._check_confirmation(call, sentence, situation)):
+        if call.confirmation is not None and (problem := self._turn_problem(call)):
+            return self._refuse(call.key, _failure(problem))
+        needs_confirmation = tool.sentence(call.arguments) or call.confirmation is not None
+        if needs_confirmation and (pending := self._check_confirmation(call, situation)):
             return pending
         return self._approve(call, situation)
 
@@ -169,14 +178,14 @@ class Envelope:
         action = call.arguments.get("action")
         if action in ("commit", "save") and self._started.get(call.tool.name) == turn.number:
             return SAME_TURN.format(action=action)
-        if action == "commit" and call.confirmation is None and not turn.is_utterance:
+        if action == "commit" and call.is_unconfirmed and not turn.is_utterance:
             return NO_UTTERANCE
         return ""
 
-    def _check_confirmation(self, call: Call, sentence: str, situation: Situation) -> Rejected | None:
+    def _check_confirmation(self, call: Call, situation: Situation) -> Rejected | None:
         """Return the read-back of a call that is not confirmed, or why its confirmation is refused; None if it is confirmed."""
-        if call.confirmation is None:
-            token = secrets.token_hex(4)
+        if call.confirmation is None or call.confirmation == ASK:
+            sentence, token = question(call.tool, call.arguments), secrets.token_hex(4)
             self._read_back = _ReadBack(
                 token, call.tool, call.arguments, call.turn, situation.now_ns, situation.become_outdated
             )

@@ -1,7 +1,8 @@
 """The voice agent without a model: a sentence becomes one call of a tool, the answer to a read-back, or a question.
 
 What is not understood is asked again, never guessed. A sentence must match a phrase from its first word to its last, so that a
-negation, a question, reported speech or a second command makes no call. Only words for stopping act wherever they stand.
+negation, reported speech or a second command makes no call; with a question mark it may be meant, but does nothing. Only words
+for stopping act wherever they stand.
 """
 
 from __future__ import annotations
@@ -53,7 +54,10 @@ def parse(text: str, context: Context = NO_CONTEXT, language: Language = ENGLISH
     if isinstance(result, Question) and result.reason != RELEASED_BY_HAND and _ESTOP_WORDS & set(words):
         return Call("engage_estop")
     doubt = _doubt(result, text)
-    return Question(doubt, _nearest(words, language)) if doubt else result
+    if not doubt:
+        return result
+    meant = result if doubt == ASKED and isinstance(result, Call) and not _writes_offsets(result) else None
+    return Question(doubt, _nearest(words, language), meant)
 
 
 def has_stop_word(text: str) -> bool:
@@ -85,15 +89,18 @@ def _doubt(result: Call | Confirmation | Question, text: str) -> str:
     """Return why punctuation makes a result doubtful: a question mark, or quotes. A text to speak may have both."""
     if isinstance(result, Question) or (isinstance(result, Confirmation) and not result.agrees):
         return ""
-    if isinstance(result, Call) and (
-        result.tool == "speak"
-        or BY_NAME[result.tool].effect in (Effect.READ, Effect.STOP)
-        or result.arguments.get("action") == "status"
-    ):
+    if isinstance(result, Call) and not may_be_asked(result):
         return ""
     if "?" in text:
         return ASKED
     return QUOTED if QUOTES & set(text) else ""
+
+
+def may_be_asked(meaning: Call | Confirmation | Question) -> bool:
+    """Return whether a question mark makes a call wait for a yes: not what reads or stops, nor a text to speak."""
+    if not isinstance(meaning, Call) or meaning.tool == "speak" or meaning.arguments.get("action") == "status":
+        return False
+    return BY_NAME[meaning.tool].effect not in (Effect.READ, Effect.STOP)
 
 
 def _answer(sentence: Sentence, context: Context, language: Language) -> Confirmation | Question | None:

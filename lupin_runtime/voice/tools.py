@@ -90,8 +90,9 @@ class Tool:
         return (*self.arguments, CONFIRMATION) if self.read_back else self.arguments
 
     def check(self, values: Any) -> dict[str, Any]:
-        """Return the checked arguments of a call. Raises BadArgument."""
-        checked = check_arguments(self.parameters, values)
+        """Return the checked arguments of a call, and its confirmation if it has one. Raises BadArgument."""
+        confirmation = () if self.effect is Effect.STOP else (CONFIRMATION,)
+        checked = check_arguments((*self.arguments, *confirmation), values)
         if self.any_of and all(values.get(name) is None for name in self.any_of):
             raise BadArgument(f"expected at least one of {', '.join(self.any_of)}")
         needed = self.for_action.get(checked.get("action", ""))

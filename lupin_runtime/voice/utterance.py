@@ -26,10 +26,11 @@ class Confirmation:
 
 @dataclass(frozen=True)
 class Question:
-    """Why nothing is done, and the sentences nearest to what was heard."""
+    """Why nothing is done, and the sentences nearest to what was heard; `meant` is the call that may have been meant."""
 
     reason: str
     nearest: tuple[str, ...] = ()
+    meant: Call | None = None
 
 
 @dataclass(frozen=True)

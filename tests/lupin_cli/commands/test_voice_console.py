@@ -84,6 +84,18 @@ def test_read_back_is_confirmed_by_the_next_line(graph_host: GraphHost, console:
     }  # fmt: skip
 
 
+def test_letters_answer_in_every_language(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
+    typed = "ga naar home\nn\nj\n"
+    status, [asked, refused, late] = speak(graph_host, console, tmp_path, "--text", "--language", "nl", typed=typed)
+    assert asked["read_back"] and refused["message"].startswith("canceled") and not late["done"] and status == 1
+
+
+def test_what_may_be_meant_is_done_after_a_yes(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
+    status, [asked, done] = speak(graph_host, console, tmp_path, "--text", typed="slower?\ny\n")
+    assert not asked["done"] and asked["read_back"] == "set the speed cap to 0.5"
+    assert status == 0 and done["response"]["value"] == 0.5
+
+
 def test_only_sentence_without_an_answer_is_not_done(graph_host: GraphHost, console: Console, tmp_path: Path) -> None:
     status, [asked] = speak(graph_host, console, tmp_path, "go to home")
     assert status == 1 and asked["read_back"] == "navigate to the location home"

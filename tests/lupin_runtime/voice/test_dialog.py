@@ -12,7 +12,7 @@ import pytest
 from lupin_runtime.voice.dialog import CANCELED, NOTHING_READ_BACK, Dialog, Reply, Turn, describe
 from lupin_runtime.voice.dutch import DUTCH
 from lupin_runtime.voice.english import ENGLISH
-from lupin_runtime.voice.envelope import Envelope, Rejected, Situation
+from lupin_runtime.voice.envelope import CONFIRM_WITHIN_S, Envelope, Rejected, Situation
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.turns import TurnKind
 from lupin_runtime.voice.utterance import Confirmation
@@ -54,7 +54,8 @@ class Operator:
     """Says sentences to a dialog."""
 
     def __init__(self, console: Console | None) -> None:
-        self.dialog = Dialog(console, ENGLISH, Names(("sink",), ("high_look",), ("water",)))
+        self.now_s = 0.0
+        self.dialog = Dialog(console, ENGLISH, Names(("sink",), ("high_look",), ("water",)), lambda: self.now_s)
 
     def say(self, sentence: str, by: str = "text") -> Reply:
         return asyncio.run(self.dialog.handle(Turn(sentence, by, uuid.uuid4().hex)))
@@ -125,6 +126,72 @@ def test_unclear_spoken_answer_is_read_back_again(operator: Operator, console: C
     assert console.done == [("nav_goto_named", {"name": "sink"})]
 
 
+# -- what may have been meant ------------------------------------------------------------------------------------------
+DRIVE = {"linear_x": 0.2, "linear_y": 0.0, "angular_z": 0.0, "duration_s": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("sentence", "asked", "call"),
+    [
+        ("lights blue?", "Set the light strip to blue. Yes or no?", ("set_light", {"color": "blue"})),
+        ("go to the sink?", "Navigate to the location sink. Yes or no?", ("nav_goto_named", {"name": "sink"})),
+        (
+            "drive forward at 0.2 metres per second for one second?",
+            "Drive +0.2 m/s forward and +0 m/s to the left",
+            ("drive", DRIVE),
+        ),
+        ("speed cap fifty percent?", "Set the speed cap to 0.5. Yes or no?", ("set_speed_cap", {"value": 0.5})),
+    ],
+)
+def test_command_that_sounds_like_a_question_waits_for_a_yes(
+    operator: Operator, console: Console, sentence: str, asked: str, call: tuple[str, dict[str, Any]]
+) -> None:
+    reply = operator.say(sentence, "speech")
+    assert not reply.is_done and reply.text.startswith(asked) and console.done == [] and operator.dialog.waits_for_answer
+    assert operator.say("yes", "speech").is_done and console.done == [call]
+    assert operator.say("yes", "speech").text.lower().startswith("nothing waits") and console.done == [call]
+
+
+def test_doubtful_command_is_dropped_by_a_no_and_by_another_one(operator: Operator, console: Console) -> None:
+    operator.say("lights blue?")
+    assert operator.say("no").text == CANCELED and "nothing waits" in operator.say("yes").text.lower()
+    operator.say("lights blue?")
+    operator.say("go to the sink")
+    operator.say("yes")
+    assert console.done == [("nav_goto_named", {"name": "sink"})]
+
+
+@pytest.mark.parametrize("by", ["text", "speech"])
+def test_doubtful_command_replaces_nothing_that_was_read_back(operator: Operator, console: Console, by: str) -> None:
+    operator.say("go to the sink", by)
+    assert "strip" not in operator.say("lights blue?", by).text
+    operator.say("yes", by)
+    assert console.done == [("nav_goto_named", {"name": "sink"})]
+
+
+@pytest.mark.parametrize("by", ["text", "speech"])
+def test_what_nobody_has_answered_in_time_is_forgotten(operator: Operator, console: Console, by: str) -> None:
+    operator.say("go to the sink", by)
+    operator.now_s = CONFIRM_WITHIN_S + 0.1
+    assert operator.say("yes", by).text.lower().startswith("nothing waits")
+    operator.say("go to the sink", by)
+    operator.now_s *= 2.1
+    assert operator.say("lights blue?", by).text.startswith("Set the light strip to blue.")
+    operator.say("yes", by)
+    assert console.done == [("set_light", {"color": "blue"})]
+
+
+def test_unclear_answer_leaves_a_doubtful_command_unconfirmed(operator: Operator, console: Console) -> None:
+    operator.say("lights blue?", "speech")
+    assert operator.say("perhaps", "speech").text.endswith("Set the light strip to blue. Yes or no?") and console.done == []
+    operator.say("yes", "speech")
+    assert console.done == [("set_light", {"color": "blue"})]
+
+
+def test_question_that_only_reads_is_answered_at_once(operator: Operator, console: Console) -> None:
+    assert operator.say("what is the battery?").is_done and [tool for tool, _ in console.done] == ["query_state"]
+
+
 def test_stop_word_engages_the_estop_and_forgets(operator: Operator, console: Console) -> None:
     operator.say("go to the sink")
     assert asyncio.run(operator.dialog.stop(Turn("stop", "speech", "1"))).is_done
@@ -185,6 +252,8 @@ def test_dry_run_shows_the_call_and_sends_nothing() -> None:
     operator = Operator(None)
     assert operator.say("go to the sink").text == 'would call nav_goto_named {"name": "sink"}'
     assert asyncio.run(operator.dialog.stop(Turn("stop", "text", "1"))).text == "would call engage_estop {}"
+    doubtful = operator.say("lights blue?")
+    assert doubtful.text == 'would ask before it calls set_light {"color": "blue"}' and not doubtful.is_done
 
 
 def test_response_is_described_with_its_fields() -> None:
