@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, Protocol
 
 from lupin_runtime.voice.endpointer import SAMPLE_BYTES, SAMPLE_RATE_HZ
 from lupin_runtime.voice.english import ENGLISH
-from lupin_runtime.voice.grammar import has_stop_word, parse
+from lupin_runtime.voice.grammar import has_stop_word, may_be_asked, parse
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.speech import SpeechUnavailable
 from lupin_runtime.voice.tokens import clean_text, tokenize
+from lupin_runtime.voice.tools import BY_NAME
+from lupin_runtime.voice.usual_numbers import rate_numbers
 from lupin_runtime.voice.utterance import Call, Confirmation, Context, Question
 
 if TYPE_CHECKING:
@@ -35,6 +37,8 @@ _SENTENCES = 8  # that are found in each,
 _SEARCHED = 12.0  # by how much less likely than what was heard there, as a logarithm
 # Logarithms of ratios of probabilities, chosen on other sentences than those of `bench_voice`.
 MAX_DOUBT = 7.0  # by which a command may be less likely than what was heard
+ACTING_DOUBT = 4.0  # the same, if it acts without a yes
+ASKED_DOUBT = 9.0  # the same, if it is asked whether it was meant
 PART_DOUBT = 0.5  # the same, if it leaves out a word that denies, or words around it
 MIN_MARGIN = 0.7  # by which the command must be likelier than another one,
 VALUE_MARGIN = 2.5  # and than the same one with another number or name, which sounds alike
@@ -42,6 +46,7 @@ _MAX_HALT_DOUBT = 10.0  # of a single word; "halt" had 9.7 at most, "heart" 3.9,
 _PER_TOKEN = 0.6  # so that "no" is not likelier than a sentence only because it is short
 
 MISSING_PACKAGES = "speech recognition needs packages that are not installed; type: pip install 'lupin[voice]'"
+_SPEED_CAP = 0.5  # with which "slower" and "faster" are commands
 _COMMIT = Call("calibrate_arm", {"action": "commit"})
 _NAMING_TOOLS = ("save_named_location", "arm_save_pose", "arm_record")
 _MOTION = Call("rotate", {"angle_deg": 90.0})  # as another call that is read back
@@ -140,13 +145,14 @@ def _gains(scores: Sequence[tuple[float, int]], count: int) -> list[float]:
 
 
 def choose(heard: Mapping[str, float], gains: Mapping[str, float], names: Names) -> str:
-    """Return the sentence that was meant. If two are that mean different things, return what is asked again.
+    """Return the sentence that was meant; with a question mark, if it only may have been, so that it is read back.
 
     `heard` has what was written of the sound, and then of slower ones. `gains` has the sentences of the grammar. Both have the
     logarithm of how much likelier a text is than the likeliest that was written. What was written counts as it is, if no
     sentence is likely enough. What may confirm a read-back is never chosen: a yes, or "commit".
     """
-    written, meanings = next(iter(heard)), {text: _meaning(text, names) for text in (*heard, *gains)}
+    written, meanings = next(iter(heard)), {text: _meaning(text, names) for text in heard}
+    meanings |= {text: _meaning(text.rstrip("?"), names) for text in gains}
 
     def is_clear(text: str, gain: float, rivals: Mapping[str, float]) -> bool:
         others = [(meanings[rival], other) for rival, other in rivals.items() if meanings[rival] != meanings[text]]
@@ -158,17 +164,54 @@ def choose(heard: Mapping[str, float], gains: Mapping[str, float], names: Names)
         for text, gain in heard.items()
         if not isinstance(meanings[text], Question) and not _differ_by_new_name(meanings[text], meanings[best])
     }
-    if best in gains:
-        max_doubt = PART_DOUBT if any(_leaves_out(best, text) for text in heard) else MAX_DOUBT
-        is_likely = gains[best] >= -max_doubt and is_clear(best, gains[best], {**commands, **gains})
-        if is_likely and not may_confirm(best, names):
-            return best
-    if written not in commands:
-        return written
-    # It counts if the likeliest sentence means the same, or it is clearly likelier than all that mean something else.
-    rivals = commands if meanings[written] == meanings[best] else {**commands, **gains}
-    is_part = any(_leaves_out(written, text) for text in heard)
-    return written if is_clear(written, heard[written], rivals) and not is_part else _unclear((*commands, best), names)
+    readings = {**commands, **gains}
+    if best in gains and not may_confirm(best.rstrip("?"), names):
+        max_doubt = PART_DOUBT if _leaves_out(best, heard) else _max_doubt(meanings[best])
+        if gains[best] >= -max_doubt and is_clear(best, gains[best], readings):
+            return _question(best) if "?" in written and may_be_asked(meanings[best]) else best
+    if written in commands and not _leaves_out(written, heard):
+        # It counts if the likeliest sentence means the same, or it is clearly likelier than all that mean something else.
+        rivals = commands if meanings[written] == meanings[best] else readings
+        if is_clear(written, heard[written], rivals):
+            return written
+    supposed = _supposed(written, commands, gains, meanings)
+    if supposed and not _leaves_out(supposed, [written]):
+        is_other_name = _differ_by_new_name(meanings[written], meanings[supposed])
+        return written if is_other_name and gains.get(supposed, 0.0) < -MAX_DOUBT else _question(supposed)
+    return _unclear((*commands, best), names) if written in commands else written
+
+
+def _max_doubt(meaning: Meaning) -> float:
+    """Return by how much a command may be less likely than what was heard: less if it changes something without a yes."""
+    if not isinstance(meaning, Call):
+        return MAX_DOUBT if isinstance(meaning, Question) else ACTING_DOUBT  # "cancel" may discard a recording
+    tool = BY_NAME[meaning.tool]
+    is_read_back = bool(tool.read_back.get(meaning.arguments.get("action", "")))
+    return MAX_DOUBT if is_read_back or not may_be_asked(meaning) else ACTING_DOUBT
+
+
+def _supposed(written: str, commands: Mapping[str, float], gains: Mapping[str, float], meanings: Mapping[str, Meaning]) -> str:
+    """Return the likeliest reading, if a question mark keeps it from acting; else nothing. Usual numbers count for more.
+
+    A no that was not written is no rival: it is so short that it is near to everything.
+    """
+    readings = {**commands, **gains}
+    if written in readings and not may_be_asked(meanings[written]):
+        return ""
+    ratings = {
+        text: gain + rate_numbers(meaning)
+        for text, gain in readings.items()
+        if isinstance(meaning := meanings[text], Call) and may_be_asked(meaning)
+    }
+    likeliest = max(ratings, key=ratings.__getitem__, default=written)
+    others = readings.keys() - ratings.keys()
+    rivals = [readings[text] for text in others if text in commands or meanings[text] != Confirmation(False)]
+    is_likely = likeliest in ratings and readings[likeliest] >= max([-ASKED_DOUBT, *rivals])
+    return likeliest if is_likely else ""
+
+
+def _question(text: str) -> str:
+    return f"{text.rstrip(' .!?')}?"
 
 
 def agreed_answer(heard: Sequence[str], names: Names) -> str:
@@ -176,7 +219,8 @@ def agreed_answer(heard: Sequence[str], names: Names) -> str:
 
     A command is asked again, too: one of the slower sounds has a word for stopping.
     """
-    if _meaning(heard[0], names) == Confirmation(False) or isinstance(_meaning(heard[0], names), Question):
+    meaning = _meaning(heard[0], names)
+    if meaning == Confirmation(False) or (isinstance(meaning, Question) and meaning.meant is None):
         return heard[0]
     answers = {tuple(_agrees(text, names)) for text in heard}
     return heard[0] if may_confirm(heard[0], names) and len(answers) == 1 else _unclear(heard, names)
@@ -194,15 +238,17 @@ def _agrees(text: str, names: Names) -> list[bool]:
 
 
 def _meaning(text: str, names: Names) -> Meaning:
-    answer = parse(text, Context(names, pending=_MOTION))
-    return answer if isinstance(answer, Confirmation) else parse(text, Context(names))
+    said = text.rstrip(" .!")  # which a text to speak would have
+    answer = parse(said, Context(names, pending=_MOTION))
+    return answer if isinstance(answer, Confirmation) else parse(said, Context(names, speed_cap=_SPEED_CAP))
 
 
 def _unclear(texts: Iterable[str], names: Names) -> str:
     """Return a text that shows what was heard, and is asked again: as a question, it is no command and no yes."""
     text = " or ".join(dict.fromkeys(each.strip(" .,!?") for each in texts)) + "?"
     contexts = (Context(names), Context(names, pending=_MOTION), Context(names, pending=_COMMIT))
-    return text if all(isinstance(parse(text, context), Question) for context in contexts) else ""
+    results = [parse(text, context) for context in contexts]
+    return text if all(isinstance(result, Question) and result.meant is None for result in results) else ""
 
 
 def _margin(one: Meaning, other: Meaning) -> float:
@@ -218,9 +264,12 @@ def _differ_by_new_name(one: Meaning, other: Meaning) -> bool:
     return one != other and {**one.arguments, "name": ""} == {**other.arguments, "name": ""}
 
 
-def _leaves_out(sentence: str, text: str) -> bool:
-    """Return whether a sentence leaves out a word of a text that denies, or is only a part of the text."""
-    kept, words = _words(sentence), _words(text)
+def _leaves_out(sentence: str, heard: Iterable[str]) -> bool:
+    """Return whether a sentence leaves out a word that denies of a text that was heard, or is only a part of one."""
+    return any(_leaves_out_of(_words(sentence), _words(text)) for text in heard)
+
+
+def _leaves_out_of(kept: list[str], words: list[str]) -> bool:
     is_part = len(kept) < len(words) and any(
         words[start : start + len(kept)] == kept for start in range(len(words) - len(kept) + 1)
     )

@@ -22,6 +22,8 @@ from lupin_runtime.voice.endpointer import SAMPLE_RATE_HZ
 from lupin_runtime.voice.grammar import has_stop_word, parse
 from lupin_runtime.voice.moonshine import Heard, Moonshine
 from lupin_runtime.voice.recognizer import (
+    ACTING_DOUBT,
+    ASKED_DOUBT,
     MAX_DOUBT,
     MIN_MARGIN,
     MISSING_PACKAGES,
@@ -35,6 +37,7 @@ from lupin_runtime.voice.recognizer import (
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.sounds import read_wav_file
 from lupin_runtime.voice.speech import SpeechUnavailable
+from lupin_runtime.voice.tools import BY_NAME, Effect
 from lupin_runtime.voice.utterance import Call, Question
 from tests.support.spoken_commands import CONTEXT, NAMES
 
@@ -118,17 +121,29 @@ def test_only_the_graph_of_the_present_names_is_kept() -> None:
     [
         ("Calibrations targets.", {"calibration status": 2.0}, "calibration status"),
         ("Blotter tark fave", {"go to tag 5": -MAX_DOUBT}, "go to tag 5"),
-        ("Blotter tark fave", {"go to tag 5": -MAX_DOUBT - 0.1}, ""),
+        ("Blotter tark fave", {"go to tag 5": -MAX_DOUBT - 0.1}, "go to tag 5?"),
+        ("Blotter tark fave", {"go to tag 5": -ASKED_DOUBT - 0.1}, ""),
+        ("Lazy screw", {"lights blue": -ACTING_DOUBT}, "lights blue"),
+        ("Lazy screw", {"lights blue": -ACTING_DOUBT - 0.1}, "lights blue?"),
+        ("Where is the water", {"where are you": -MAX_DOUBT - 0.1}, ""),  # a question mark would not keep it from acting,
+        ("Freeze them", {"freeze the arm": -MAX_DOUBT - 0.1}, ""),  # nor this
         ("Gripper for tea", {"gripper 40%": -1.0, "gripper forty percent": -1.2}, "gripper 40%"),
-        ("Gripper for tea", {"gripper 40%": -1.0, "gripper 14%": -1.0 - VALUE_MARGIN + 0.1}, ""),
+        ("Gripper for tea", {"gripper 40%": -1.0, "gripper 14%": -1.0 - VALUE_MARGIN + 0.1}, "gripper 40%?"),
+        ("Gripper for tea", {"gripper 14%": -1.0, "gripper 40%": -1.5}, "gripper 40%?"),  # people say round numbers
+        ("Gripper for tea", {"gripper 400%": -1.0, "gripper 40%": -1.5}, ""),  # a number out of range
         ("Gripper for tea", {"gripper 40%": -1.0, "gripper 14%": -1.0 - VALUE_MARGIN}, "gripper 40%"),
         ("Open the ripper", {"open the gripper": -1.0, "go home": -1.0 - MIN_MARGIN + 0.1}, ""),
+        ("Open the paper", {"open the gripper": -1.0, "go home": -1.0 - MIN_MARGIN + 0.1}, "open the gripper?"),
         ("Open the ripper", {"open the gripper": -1.0, "go home": -1.0 - MIN_MARGIN}, "open the gripper"),
         ("Don't to the sink", {"go to the sink": -PART_DOUBT}, "go to the sink"),
         ("Don't go to the sink", {"go to the sink": -PART_DOUBT - 0.1}, ""),
         ("Don't do it", {"don't do it": -2.0}, "don't do it"),
-        ("Same here, that's zinc", {"save here as sink": -MAX_DOUBT}, "save here as sink"),
-        ("Remember this place as wrote two", {"remember this place as row two": -MAX_DOUBT}, "remember this place as row two"),
+        ("Same here, that's zinc", {"save here as sink": -ACTING_DOUBT}, "save here as sink"),
+        (
+            "Remember this place as wrote two",
+            {"remember this place as row two": -ACTING_DOUBT},
+            "remember this place as row two",
+        ),
         # They would confirm what was read back.
         ("Go a head", {"go ahead": 5.0}, ""),
         ("Come it", {"commit": 5.0}, ""),
@@ -143,8 +158,16 @@ def test_sentence_is_chosen_if_it_is_likely_and_clear(written: str, gains: dict[
 def test_word_that_was_heard_once_must_not_be_left_out(written: str) -> None:
     doubtful, clear = {"go to the sink": -PART_DOUBT - 0.1}, {"go to the sink": -PART_DOUBT}
     heard = {"Now go to the sing": 0.0, written: -0.1, "Bla": -1.0}
-    assert choose(heard, doubtful, NAMES) == "Now go to the sing"
+    assert choose(heard, doubtful, NAMES) == "go to the sink?"
     assert choose(heard, clear, NAMES) == "go to the sink"
+    # Nor is it asked whether it was meant, if it was written.
+    assert choose({written: 0.0, "Now go to the sing": -0.1, "Bla": -1.0}, doubtful, NAMES) == written
+
+
+def meant(text: str) -> Call | None:
+    """Return the call that is read back for a text that does nothing."""
+    result = parse(text, CONTEXT)
+    return result.meant if isinstance(result, Question) else None
 
 
 def is_asked_again(text: str) -> bool:
@@ -158,33 +181,88 @@ def is_asked_again(text: str) -> bool:
     [
         # What was written is a command itself: a sentence that means something else must be clearly likelier, or less likely.
         ({"Go home.": 0.0}, {"open the gripper": MIN_MARGIN + 0.1}, "open the gripper"),
-        ({"Go home.": 0.0}, {"open the gripper": MIN_MARGIN - 0.1}, ""),
-        ({"Go home.": 0.0}, {"open the gripper": 0.1 - MIN_MARGIN}, ""),
+        ({"Go home.": 0.0}, {"open the gripper": MIN_MARGIN - 0.1}, "open the gripper?"),
+        ({"Go home.": 0.0}, {"open the gripper": 0.1 - MIN_MARGIN}, "Go home?"),
         ({"Go home.": 0.0}, {"open the gripper": -MIN_MARGIN}, "Go home."),
-        ({"Gripper 14%.": 0.0}, {"gripper 40%": 0.1 - VALUE_MARGIN}, ""),
+        ({"Gripper 15%.": 0.0}, {"gripper 50%": 0.1 - VALUE_MARGIN}, "Gripper 15%?"),
         ({"Gripper 14%.": 0.0}, {"gripper 40%": -VALUE_MARGIN}, "Gripper 14%."),
         ({"Gripper 40%.": 0.0}, {"gripper 40%": -0.2, "gripper 14%": -0.4}, "Gripper 40%."),
         # So must what was written of a slower sound.
-        ({"Gripper 40%.": 0.0, "Gripper 14%.": -0.5}, {"gripper 40%": -0.2}, ""),
+        ({"Gripper 40%.": 0.0, "Gripper 14%.": -0.5}, {"gripper 40%": -0.2}, "Gripper 40%?"),
         ({"Gripper 40%.": 0.0, "Gripper 14%.": -VALUE_MARGIN}, {"gripper 40%": -0.2}, "Gripper 40%."),
-        ({"Go home.": 0.0, "No.": -0.1}, {"go home": -0.2}, ""),
-        ({"Go to the sink.": 0.0, "Never go to the sink.": -0.1}, {"go to the sink": -PART_DOUBT - 0.1}, ""),
-        ({"Save here as think.": 0.0}, {"save here as sink": -MAX_DOUBT}, "save here as sink"),  # any text is a new name
-        ({"Save here as sink.": 0.0}, {"go home": 0.0}, ""),
+        ({"Go home.": 0.0, "No.": -0.1}, {"go home": -0.2}, "Go home?"),
+        ({"Go home.": -0.1, "No.": 0.0}, {"go home": -0.2}, ""),
+        ({"Go to the sink.": 0.0, "Never go to the sink.": -0.1}, {"go to the sink": -0.6}, "Go to the sink?"),
+        ({"Save here as think.": 0.0}, {"save here as sink": -ACTING_DOUBT}, "save here as sink"),  # any text is a new name
+        ({"Save here as sink.": 0.0}, {"go home": 0.0}, "Save here as sink?"),
         # Without a sentence of the grammar.
         ({"Go home.": 0.0}, {}, "Go home."),
-        ({"Go home.": 0.0, "Open the gripper.": 0.0}, {}, ""),
+        ({"Go home.": 0.0, "Open the gripper.": 0.0}, {}, "Go home?"),
+        ({"Say good morning.": 0.0, "Say good morning": 0.0}, {"hold on": -9.0}, "Say good morning."),
+        ({"Battery status.": 0.0, "Freeze the arm.": 0.0}, {}, ""),
         ({"No.": 0.0}, {"go home": -0.2}, ""),
         ({"No.": 0.0}, {"no": -0.2}, "no"),
     ],
 )
 def test_two_readings_are_asked_again(heard: dict[str, float], gains: dict[str, float], chosen: str) -> None:
     text = choose(heard, gains, NAMES)
-    assert text == chosen if chosen else is_asked_again(text)
+    assert text == chosen if chosen else is_asked_again(text) and meant(text) is None
+    assert not chosen.endswith("?") or (is_asked_again(text) and meant(text))
+
+
+@pytest.mark.parametrize(
+    ("heard", "gains"),
+    [
+        # Written were a no, or what stops.
+        ({"No.": 0.0}, {"go home": 0.3}),
+        ({"Never mind.": 0.0}, {"open the gripper": -0.4}),
+        ({"Hold on.": 0.0}, {"go to the sink": -0.3}),
+        # What stops, or reads, is likelier, or a number out of range is.
+        ({"Gold on": 0.0}, {"hold on": -0.1, "where are you": -0.3, "open the gripper": -8.0}),
+        ({"Battery.": 0.0, "Where are you.": -0.1}, {"go to the sink": -8.0}),
+        ({"Gripper for tea": 0.0}, {"gripper 400%": -1.0, "gripper 40%": -1.5}),
+        # A word that denies was written.
+        ({"Don't go to the sink.": 0.0, "Go to the sink.": -0.3}, {}),
+        ({"Don't go to the sink.": 0.0}, {"go to the sink": -PART_DOUBT - 0.1}),
+        # What commits is never supposed.
+        ({"Come at": 0.0}, {"commit": -3.0}),
+        ({"Come at": 0.0}, {"commit?": -3.0}),
+        ({"Come at": 0.0}, {"arm at zero": -3.0, "arm is at zero?": -2.9}),
+    ],
+)
+def test_command_is_not_supposed(heard: dict[str, float], gains: dict[str, float]) -> None:
+    result = parse(choose(heard, gains, NAMES), CONTEXT)
+    assert meant(choose(heard, gains, NAMES)) is None
+    assert not isinstance(result, Call) or BY_NAME[result.tool].effect in (Effect.READ, Effect.STOP)
+
+
+def test_new_name_that_was_written_is_kept() -> None:
+    heard = {"Save here as workbench.": 0.0}
+    assert choose(heard, {"save here as kitchen": -MAX_DOUBT - 0.1}, NAMES) == "Save here as workbench."
+    assert choose(heard, {"save here as kitchen": -MAX_DOUBT}, NAMES) == "save here as kitchen?"
+
+
+@pytest.mark.parametrize("gain", [-ACTING_DOUBT, -ACTING_DOUBT - 0.1])
+def test_cancel_may_discard_a_recording_and_must_be_likely(gain: float) -> None:
+    assert choose({"Lazy screw": 0.0}, {"cancel": gain}, NAMES) == ("cancel" if gain == -ACTING_DOUBT else "Lazy screw")
+
+
+def test_command_that_is_asked_is_read_back() -> None:
+    sentence = "drive forward at 0.2 metres per second for one second"
+    heard = {f"{sentence.capitalize()}?": 0.0}
+    assert meant(choose(heard, {sentence: -3.0}, NAMES)) == parse(sentence, CONTEXT)
+    assert choose({"Lazy screw": 0.0}, {"lights blue?": -0.1, "lights blue": -0.3}, NAMES) == "lights blue?"
+    assert choose({"What is the battery?": 0.0}, {"what is the battery?": -0.1}, NAMES) == "what is the battery?"
+
+
+@pytest.mark.parametrize("gain", [-ACTING_DOUBT, -ACTING_DOUBT - 0.1])
+@pytest.mark.parametrize("sentence", ["save the recording as dance", "slower", "go faster", "cancel the calibration"])
+def test_what_acts_without_a_yes_must_be_likelier(sentence: str, gain: float) -> None:
+    assert choose({"Lazy screw": 0.0}, {sentence: gain}, NAMES) == (sentence if gain == -ACTING_DOUBT else f"{sentence}?")
 
 
 def test_question_shows_both_readings() -> None:
-    assert choose({"Go home.": 0.0}, {"open the gripper": 0.0}, NAMES) == "Go home or open the gripper?"
+    assert choose({"Battery status.": 0.0}, {"freeze the arm": 0.0}, NAMES) == "Battery status or freeze the arm?"
 
 
 @given(st.lists(st.sampled_from([*READINGS, *(f"{one} {two}" for one in READINGS for two in READINGS)]), min_size=2))
@@ -203,6 +281,8 @@ def test_doubtful_reading_never_does_anything(texts: list[str]) -> None:
         (["Yes.", "Yes.", ""], False),
         (["Yes.", "Stop.", "Yes."], False),
         (["Yes.", "Commit.", "Commit."], False),
+        (["Lights blue?", "Stop.", "Lights blue."], False),
+        (["Commit.", "Commit", "Commit?"], False),
         (["Commit.", "Commit.", "Comet."], False),
     ],
 )
@@ -213,7 +293,7 @@ def test_yes_counts_only_if_it_is_heard_each_time(
     monkeypatch.setattr(Moonshine, "write", lambda *_: Heard(next(written), 0.0))
     monkeypatch.setattr(Moonshine, "search", lambda *_: pytest.fail("a yes is not searched for"))
     text = recognizer.transcribe(bytes(SAMPLE_RATE_HZ))
-    assert text == texts[0] if is_yes else is_asked_again(text)
+    assert text == texts[0] if is_yes else is_asked_again(text) and meant(text) is None
 
 
 def test_command_with_a_stop_in_a_slower_sound_is_asked_again(
