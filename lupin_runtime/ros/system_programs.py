@@ -83,6 +83,7 @@ class SystemPrograms(LupinNode):
         for program in self._running:
             status = program.process.poll()
             if status is not None:
+                self._end_programs()  # what they print at their end must not stand below the reason in the log
                 raise ProgramError(f"{program.name} {_exit_text(status)}")
         if self._steps:
             self._advance(*self._steps[0])
@@ -107,6 +108,10 @@ class SystemPrograms(LupinNode):
             self.get_logger().info(f"active: {', '.join(program.node for program in self._running)}")
 
     def before_shutdown(self) -> None:
+        """End the programs."""
+        self._end_programs()
+
+    def _end_programs(self) -> None:
         """Terminate the programs; kill what has not ended after TERMINATE_GRACE_S."""
         self._stopping = True
         for program in self._running:
