@@ -55,7 +55,7 @@ def test_doubtful_burst_is_not_driven_after(between: str) -> None:
     run(test)
 
 
-def test_doubt_of_a_client_is_a_read_back_and_stops_do_not_heed_it() -> None:
+def test_doubt_of_a_client_is_a_read_back_but_of_a_stop() -> None:
     async def test(rig: Rig) -> None:
         rig.call("a", "drive", linear_x=0.2, duration_s=1, confirmation=ASK)
         await settle()
