@@ -125,6 +125,7 @@ def parameter_mistakes(node: str, values: Mapping[str, Any]) -> list[str]:
 def main(executable: str) -> None:
     """Run a stand-in until a signal."""
     import rclpy
+    from action_msgs.msg import GoalStatus
     from geometry_msgs.msg import Twist
     from nav2_msgs.action import ComputePathToPose, FollowPath, NavigateToPose
     from nav_msgs.msg import OccupancyGrid
@@ -226,8 +227,11 @@ def main(executable: str) -> None:
                 await self.planner.send_goal_async(ComputePathToPose.Goal(goal=goal.request.pose))
             ).get_result_async()
             self.following = await self.controller.send_goal_async(FollowPath.Goal(path=planned.result.path))
-            await self.following.get_result_async()
-            (goal.canceled if goal.is_cancel_requested else goal.succeed)()
+            followed = await self.following.get_result_async()
+            if goal.is_cancel_requested:
+                goal.canceled()
+            else:  # what it does may be canceled before itself
+                (goal.succeed if followed.status == GoalStatus.STATUS_SUCCEEDED else goal.abort)()
             return NavigateToPose.Result()
 
         def cancel(self, _: Any) -> CancelResponse:

@@ -164,6 +164,9 @@ def test_goal_reaches_nav2_and_its_death_is_named(
         handle = client.send(graph.NAVIGATE_TO_POSE, goal)
         return client.within(handle.get_result_async)
 
+    # All that moves is canceled: Nav2's goal ends as aborted if the path that it follows was canceled first.
+    ended_early = (GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
+
     def status(result: Any) -> int:
         return int(client.until(result.done, "the goal's end") and result.result().status)
 
@@ -171,14 +174,14 @@ def test_goal_reaches_nav2_and_its_death_is_named(
     in_lost_map = send(100.0)
     run.wait(lambda: run.speed_m_s() > 0.1, "a robot that Nav2 drives")
     psutil.Process(run.stage("slam")["pid"]).children()[0].kill()
-    assert status(in_lost_map) == GoalStatus.STATUS_CANCELED
+    assert status(in_lost_map) in ended_early
     run.wait(lambda: run.speed_m_s() < 0.01, "a robot at rest")
     run.wait(lambda: run.stage("slam")["phase"] == "up", "a new map")
     assert status(send(1.0)) == GoalStatus.STATUS_SUCCEEDED
     far = send(100.0)
     run.wait(lambda: run.speed_m_s() > 0.1, "a robot that Nav2 drives")
     client.call(graph.SIM_PRESS_ESTOP, data=True)
-    assert status(far) == GoalStatus.STATUS_CANCELED
+    assert status(far) in ended_early
     run.wait(lambda: run.speed_m_s() < 0.01, "a robot at rest")
     assert run.state()["alarms"] == [] and "Nav2" in run.lupin("status").stdout
     nav = psutil.Process(run.stage("nav")["pid"])
