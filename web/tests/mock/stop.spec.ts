@@ -129,7 +129,7 @@ test("a click into the report of a run stops nothing, and the space bar still do
   await page.keyboard.press("Control+k");
   await page.keyboard.type("runs");
   await page.keyboard.press("Enter");
-  await page.getByRole("button", { name: "Report", disabled: false }).first().click();
+  await page.getByRole("button", { name: "Report", exact: true, disabled: false }).first().click();
   await page.locator("iframe").click();
   await page.waitForTimeout(800);
   await expect(page.getByTestId("stop")).not.toContainText("Stopped");
