@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
+from lupin_runtime.console import voice_offline
+from lupin_runtime.console.voice_session import VoiceSession
+from lupin_runtime.voice.slots import Names
 from tests.support.voice_rig import Rig, settle
 
 
@@ -15,6 +20,16 @@ class FakeSpeaker:
 
     def synthesize(self, text: str) -> bytes:
         return text.encode()
+
+
+def replace_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every session have one location, "sink", and a speaker that needs no program."""
+
+    async def read_names(_: VoiceSession) -> Names:
+        return Names(("sink",), (), ())
+
+    monkeypatch.setattr(VoiceSession, "read_names", read_names)
+    monkeypatch.setattr(voice_offline, "Speaker", FakeSpeaker)
 
 
 class Talk:

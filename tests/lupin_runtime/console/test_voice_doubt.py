@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from lupin_runtime.console import voice_offline
-from lupin_runtime.console.voice_session import VoiceSession
 from lupin_runtime.voice.questions import ASK
-from lupin_runtime.voice.slots import Names
 from tests.support.voice_rig import Rig, run, settle
-from tests.support.voice_talk import FakeSpeaker, Talk
+from tests.support.voice_talk import Talk, replace_parts
 
 DOUBTFUL_DRIVE = "drive forward for one second at 0.2 metres per second?"
 
 
 @pytest.fixture(autouse=True)
 def _parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def read_names(_: VoiceSession) -> Names:
-        return Names(("sink",), (), ())
-
-    monkeypatch.setattr(VoiceSession, "read_names", read_names)
-    monkeypatch.setattr(voice_offline, "Speaker", FakeSpeaker)
+    replace_parts(monkeypatch)
 
 
 @pytest.mark.parametrize("how", ["yes", "button", "spoken"])

@@ -16,7 +16,7 @@ from lupin_runtime.voice.listener_protocol import Kind
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.speech import SpeechUnavailable
 from tests.support.voice_rig import Rig, run, settle
-from tests.support.voice_talk import FakeSpeaker, Talk
+from tests.support.voice_talk import FakeSpeaker, Talk, replace_parts
 
 DRIVE = "drive forward for one second at 0.2 metres per second"
 STOPPED = "stop of voice agent of phone-1"
@@ -24,11 +24,7 @@ STOPPED = "stop of voice agent of phone-1"
 
 @pytest.fixture(autouse=True)
 def _parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def read_names(_: VoiceSession) -> Names:
-        return Names(("sink",), (), ())
-
-    monkeypatch.setattr(VoiceSession, "read_names", read_names)
-    monkeypatch.setattr(voice_offline, "Speaker", FakeSpeaker)
+    replace_parts(monkeypatch)
 
 
 def test_typed_sentence_is_carried_out() -> None:
