@@ -97,7 +97,8 @@ class Microphone:
         self._stop = stop
         self._is_talking = is_talking
         self._loop = asyncio.get_running_loop()
-        self._events = asyncio.Queue[_Event]()
+        self._events = deque[_Event]()  # that are not taken yet
+        self._has_event = asyncio.Event()
         self._spotted = deque[str](maxlen=_KEPT_STOPS)  # ids of the last utterances in which a stop was spotted,
         self._read = deque[str](maxlen=_KEPT_STOPS)  # and of those whose whole sentence had one
         self._stops: set[asyncio.Task[None]] = set()
@@ -112,7 +113,7 @@ class Microphone:
         """
         threading.Thread(target=self._listen, name="lupin-voice-microphone", daemon=True).start()
         ignored = ""
-        while (event := await self._unless_lost(self._events.get())).edge is not None:
+        while (event := await self._next_event()).edge is not None:
             if event.edge is Edge.BEGIN and self._is_talking():
                 ignored = event.identifier
             if event.edge is Edge.END:
@@ -132,6 +133,13 @@ class Microphone:
                 yield Turn(sentence, "speech", event.identifier)
         await self._unless_lost(asyncio.gather(*self._stops))
 
+    async def _next_event(self) -> _Event:
+        """Take the next event. None is taken while it is waited for: a loss meanwhile leaves it to `_stop_all_the_same`."""
+        while not self._events:
+            self._has_event.clear()
+            await self._unless_lost(self._has_event.wait())
+        return self._events.popleft()
+
     async def _unless_lost(self, work: Awaitable[Result]) -> Result:
         task = asyncio.ensure_future(work)
         waited: tuple[asyncio.Future[Any], ...] = (task, self._lost)
@@ -146,8 +154,7 @@ class Microphone:
 
     async def _stop_all_the_same(self) -> None:
         """Look for stops in the utterances that are not recognized yet, and wait until all that were heard are carried out."""
-        unread = [self._events.get_nowait() for _ in range(self._events.qsize())]
-        unread += [] if self._cut is None else [self._cut]
+        unread = [*self._events, *([] if self._cut is None else [self._cut])]
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_STOP_TIMEOUT_S):
                 if self._in_work is not None:
@@ -206,7 +213,11 @@ class Microphone:
         self._post(_Event("", None))
 
     def _post(self, event: _Event) -> None:
-        self._call(self._events.put_nowait, event)
+        self._call(self._take_event, event)
+
+    def _take_event(self, event: _Event) -> None:
+        self._events.append(event)
+        self._has_event.set()
 
     def _call(self, function: Callable[[Any], None], argument: Any) -> None:
         """Call a function in the event loop."""

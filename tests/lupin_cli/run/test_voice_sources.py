@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from lupin_cli.run.voice_sources import Microphone, read_lines
+from lupin_cli.run.voice_sources import Microphone, _Event, read_lines
 from lupin_runtime.voice.dialog import Turn
-from lupin_runtime.voice.endpointer import split_frames
+from lupin_runtime.voice.endpointer import Edge, split_frames
 from lupin_runtime.voice.speech import SpeechUnavailable
 
 SPOKEN, PAUSE = b"\0\x10" * 8_000, b"\0" * 32_000
@@ -59,6 +59,7 @@ class Heard:
         self.problem: SpeechUnavailable | None = None
         self.may_transcribe = threading.Event()  # cleared, sentences take as long as the test wants
         self.may_transcribe.set()
+        self.may_end = threading.Event()  # of a microphone that is silent until then
 
     def transcribe(self, sound: bytes) -> str:
         assert sound and self.may_transcribe.wait(20.0)
@@ -87,6 +88,10 @@ class Heard:
         yield from split_frames(sound)
         if self.problem is not None:
             raise self.problem
+
+    def hold(self) -> Iterator[bytes]:
+        assert self.may_end.wait(20.0)
+        yield from ()
 
     async def hear(self, sound: bytes) -> list[str]:
         microphone = Microphone(self.frames(sound), self, self, self.stop, lambda: self.is_talking)
@@ -157,6 +162,24 @@ def test_stop_said_just_before_the_loss_is_carried_out(sound: bytes) -> None:
         heard.may_transcribe.set()
         with pytest.raises(SpeechUnavailable, match="the microphone is lost"):
             await turns
+        assert heard.stops == ["stop the robot"]
+
+    asyncio.run(test())
+
+
+def test_stop_whose_end_comes_with_the_loss_is_carried_out() -> None:
+    async def test() -> None:
+        heard = Heard("stop the robot")
+        microphone = Microphone(heard.hold(), heard, heard, heard.stop, lambda: False)
+        turns = asyncio.ensure_future(collect(microphone.turns()))
+        microphone._post(_Event("1", Edge.BEGIN))
+        await until(lambda: heard.turns == [("1", False)])
+        # In one go, so that the loop sees both at once.
+        microphone._post(_Event("1", Edge.END, SPOKEN))
+        microphone._call(microphone._note_loss, SpeechUnavailable("the microphone is lost"))
+        with pytest.raises(SpeechUnavailable, match="the microphone is lost"):
+            await turns
+        heard.may_end.set()
         assert heard.stops == ["stop the robot"]
 
     asyncio.run(test())
