@@ -184,11 +184,10 @@ class Envelope:
 
     def _check_confirmation(self, call: Call, situation: Situation) -> Rejected | None:
         """Return the read-back of a call that is not confirmed, or why its confirmation is refused; None if it is confirmed."""
+        arguments = self._limited(call, situation)
         if call.confirmation is None or call.confirmation == ASK:
-            sentence, token = question(call.tool, call.arguments), secrets.token_hex(4)
-            self._read_back = _ReadBack(
-                token, call.tool, call.arguments, call.turn, situation.now_ns, situation.become_outdated
-            )
+            sentence, token = question(call.tool, arguments), secrets.token_hex(4)
+            self._read_back = _ReadBack(token, call.tool, arguments, call.turn, situation.now_ns, situation.become_outdated)
             return Rejected({"ok": False, "confirm": sentence, CONFIRMATION.name: token, "note": READ_BACK})
         read_back = self._read_back
         if read_back is None or not secrets.compare_digest(read_back.token.encode(), call.confirmation.encode()):
@@ -197,7 +196,7 @@ class Envelope:
             return self._refuse(call.key, _failure(NOT_CONFIRMED))
         self._read_back = None
         problem = ""
-        if (read_back.tool, read_back.arguments) != (call.tool, call.arguments):
+        if (read_back.tool, read_back.arguments) != (call.tool, arguments):
             problem = OTHER_ARGUMENTS
         elif call.turn != read_back.turn + 1 or situation.now_ns - read_back.begun_ns > CONFIRM_WITHIN_S * 1e9:
             problem = LATE_CONFIRMATION
@@ -211,15 +210,19 @@ class Envelope:
         return float(call.arguments["duration_s"]) + (driven_s if turn == call.turn else 0.0)
 
     def _approve(self, call: Call, situation: Situation) -> dict[str, Any]:
-        arguments = dict(call.arguments)
+        arguments = self._limited(call, situation)
         if call.tool.name == "set_speed_cap":
             self.speed_cap = arguments["value"]
         elif call.tool.name == "drive":
             self._driven_s = call.turn, self._burst_time_s(call)
-            arguments |= limit_velocity(arguments, *self.limits(situation))
         elif arguments.get("action") == "start":
             self._started[call.tool.name] = call.turn
         return arguments
+
+    def _limited(self, call: Call, situation: Situation) -> dict[str, Any]:
+        """Return the arguments of a call, of a burst with the velocity within the limits."""
+        velocity = limit_velocity(call.arguments, *self.limits(situation)) if call.tool.name == "drive" else {}
+        return {**call.arguments, **velocity}
 
     def _refuse(self, key: Hashable, result: dict[str, Any]) -> Rejected:
         self.turns.count_refusal(key)

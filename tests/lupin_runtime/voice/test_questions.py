@@ -40,6 +40,19 @@ def test_yes_to_a_burst_is_for_that_burst(session: Session) -> None:
     assert session.refusal("drive", {**first, "linear_x": 0.3})["error"] == envelope.OTHER_ARGUMENTS
 
 
+def test_burst_is_read_back_as_fast_as_it_would_be(session: Session) -> None:
+    asked = session.refusal("drive", {**BURST, "linear_x": 100, "confirmation": ASK})
+    assert "drive +0.3 m/s forward" in asked["confirm"]
+
+
+def test_yes_to_a_burst_is_for_its_speed(session: Session) -> None:
+    session.approved("set_speed_cap", {"value": 0.5})
+    first = session.read_back("drive", {**BURST, "linear_x": 100, "confirmation": ASK})
+    session.turn()
+    session.approved("set_speed_cap", {"value": 1})
+    assert session.refusal("drive", first)["error"] == envelope.OTHER_ARGUMENTS
+
+
 @pytest.mark.parametrize("name", ["drive", "set_light", "set_speed_cap"])
 def test_yes_is_outdated_by_a_stop_that_was_released(session: Session, name: str) -> None:
     outdated: list[str] = []
