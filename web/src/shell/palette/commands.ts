@@ -7,6 +7,7 @@ import { isActive } from "@/state/sentence";
 import type { Reason } from "@/state/can_drive";
 import type { TabId } from "@/state/tab_ids";
 import type { OverlayName } from "@/state/overlays";
+import { TABS } from "@/tabs/table";
 
 export type MissionCall = "pause" | "resume" | "skip" | "abort";
 
@@ -57,28 +58,18 @@ export interface CommandFacts {
   language: Language;
 }
 
-const TAB_KEYS: Readonly<Record<TabId, TextKey>> = {
-  teleop: "tab_teleop",
-  arm: "tab_arm",
-  voice: "tab_voice",
-  cameras: "tab_cameras",
-  telemetry: "tab_telemetry",
-  logs: "tab_logs",
-  map: "tab_map",
-};
-
 /** All commands, in the order in which the palette shows them. */
 export function commandsFor(facts: CommandFacts): Command[] {
   return [...robotCommands(facts), ...missionCommands(facts), ...viewCommands(), ...motionCommands(facts), ...consoleCommands(facts)];
 }
 
 function viewCommands(): Command[] {
-  return Object.entries(TAB_KEYS).map(([tab, key]) => ({
-    id: `show ${tab}`,
+  return TABS.map(({ id, label }) => ({
+    id: `show ${id}`,
     group: "palette_views",
     label: "palette_show",
-    valueKeys: { view: key },
-    action: { kind: "show", tab: tab as TabId },
+    valueKeys: { view: label },
+    action: { kind: "show", tab: id },
     obstacle: null,
   }));
 }
