@@ -65,6 +65,18 @@ def has_stop_word(text: str) -> bool:
     return _has_stop_word(tokenize(clean_text(text)))
 
 
+def is_doubtful_stop(text: str) -> bool:
+    """Return whether the only word for stopping is a "top" behind a sibilant and inside the text.
+
+    "Host off and remove it" is often heard as "those top and remove it". Of "no stop" the end is heard first; "please top" is
+    what is written for "please stop", whatever follows.
+    """
+    words = [token.text for token in tokenize(clean_text(text))]
+    tops = _tops(words)
+    clear = [at for at in tops if at == len(words) - 1 or words[at - 1] == "please"]
+    return STOP_WORDS.isdisjoint(words) and bool(tops) and not clear
+
+
 def sounds_like_stop(text: str) -> bool:
     """Return whether a text that is spoken may be heard as a word for stopping."""
     return has_stop_word(text) or any(token.text in _ESTOP_WORDS for token in tokenize(clean_text(text)))
@@ -72,7 +84,12 @@ def sounds_like_stop(text: str) -> bool:
 
 def _has_stop_word(tokens: tuple[Token, ...]) -> bool:
     words = [token.text for token in tokens]
-    return not STOP_WORDS.isdisjoint(words) or any(one.endswith(_SIBILANTS) and two == "top" for one, two in pairwise(words))
+    return not STOP_WORDS.isdisjoint(words) or bool(_tops(words))
+
+
+def _tops(words: list[str]) -> list[int]:
+    """Return the indices of each "top" behind a sibilant."""
+    return [at for at, (one, two) in enumerate(pairwise(words), 1) if two == "top" and one.endswith(_SIBILANTS)]
 
 
 def _strip(tokens: tuple[Token, ...], language: Language) -> tuple[Token, ...]:

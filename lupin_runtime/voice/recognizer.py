@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from lupin_runtime.voice.endpointer import SAMPLE_BYTES, SAMPLE_RATE_HZ
 from lupin_runtime.voice.english import ENGLISH
-from lupin_runtime.voice.grammar import has_stop_word, may_be_asked, parse
+from lupin_runtime.voice.grammar import has_stop_word, is_doubtful_stop, may_be_asked, parse
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.speech import SpeechUnavailable
 from lupin_runtime.voice.tokens import clean_text, tokenize
@@ -42,7 +42,10 @@ ASKED_DOUBT = 9.0  # the same, if it is asked whether it was meant
 PART_DOUBT = 0.5  # the same, if it leaves out a word that denies, or words around it
 MIN_MARGIN = 0.7  # by which the command must be likelier than another one,
 VALUE_MARGIN = 2.5  # and than the same one with another number or name, which sounds alike
-_MAX_HALT_DOUBT = 10.0  # of a single word; "halt" had 9.7 at most, "heart" 3.9, and most words 12 to 20
+# Of a single word that may be "halt", in seven voices: halt had 9.7 at most, heart 3.1 to 11, and most words 12 to 20.
+_MAX_HALT_DOUBT = 10.0
+_HALT_RIVAL = "Help."  # by which halt was likelier or, at worst, 1.5 less likely; of help itself it was 3.8 to 8.3 less likely
+_MAX_RIVAL_MARGIN = 2.5
 _PER_TOKEN = 0.6  # so that "no" is not likelier than a sentence only because it is short
 
 MISSING_PACKAGES = "speech recognition needs packages that are not installed; type: pip install 'lupin[voice]'"
@@ -131,11 +134,22 @@ class CommandRecognizer:
         """Return whether a single word may be "halt", which this model writes as "old", "all" or "piled"."""
         encoded = self._model.encode_sound(word)
         written = self._model.write(encoded, _seconds(word)).text
-        return _gains(self._model.score(encoded, ["Halt.", written]), 1)[0] >= -_MAX_HALT_DOUBT
+        halt, rival = _gains(self._model.score(encoded, ["Halt.", _HALT_RIVAL, written]), 2)[:2]
+        return halt >= -_MAX_HALT_DOUBT and halt >= rival - _MAX_RIVAL_MARGIN
 
     def transcribe_window(self, sound: bytes) -> str:
-        """Return what was said in at most WINDOW_S of speech, without a search for commands."""
-        return self._model.write(self._model.encode_sound(sound), _seconds(sound)).text
+        """Return what was said in at most WINDOW_S of speech, without a search for commands.
+
+        It is empty if a stop in it is doubtful, and not clear either as the sound is heard slower.
+        """
+        text = self._write(sound)
+        if not is_doubtful_stop(text):
+            return text
+        slower = self._write(sound, _SLOWNESSES[1])
+        return text if has_stop_word(slower) and not is_doubtful_stop(slower) else ""
+
+    def _write(self, sound: bytes, slowness: float = 1.0) -> str:
+        return self._model.write(self._model.encode_sound(sound, slowness), _seconds(sound) * slowness).text
 
 
 def _gains(scores: Sequence[tuple[float, int]], count: int) -> list[float]:

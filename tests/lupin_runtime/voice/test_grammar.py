@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lupin_runtime.voice import grammar, rules
 from lupin_runtime.voice.arguments import Kind
 from lupin_runtime.voice.english import ENGLISH
-from lupin_runtime.voice.grammar import has_stop_word, parse
+from lupin_runtime.voice.grammar import has_stop_word, is_doubtful_stop, parse
 from lupin_runtime.voice.rules import RULES
 from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.tools import BY_NAME, TOOLS, Effect
@@ -111,6 +111,16 @@ def test_direction_that_was_cut_is_asked_again() -> None:
 def test_stop_word_stops_wherever_it_stands(text: str) -> None:
     assert parse(text, CONTEXT) == Call("engage_estop")
     assert has_stop_word(text)
+
+
+@pytest.mark.parametrize("text", ["those top and remove the", "it's top on the list"])
+def test_top_inside_a_text_is_a_doubtful_stop(text: str) -> None:
+    assert has_stop_word(text) and is_doubtful_stop(text)
+
+
+@pytest.mark.parametrize("text", ["nose top", "please top the robot", "those top and stop", "top it", ""])
+def test_clear_stop_is_not_doubtful(text: str) -> None:
+    assert not is_doubtful_stop(text)
 
 
 @pytest.mark.parametrize("text", ["the stopper", "nonstop", "it stopped", "halting", "need", "is the e-stop engaged"])

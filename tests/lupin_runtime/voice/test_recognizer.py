@@ -79,9 +79,15 @@ def test_stop_is_heard_in_a_window(recognizer: CommandRecognizer) -> None:
     assert has_stop_word(recognizer.transcribe_window(sound)) and has_stop_word(recognizer.transcribe(sound))
 
 
+def test_host_off_is_not_heard_as_a_stop(recognizer: CommandRecognizer) -> None:
+    sound = read_wav_file(SOUNDS / "host_off.wav")  # written as "those top and from the bottom"
+    assert not has_stop_word(recognizer.transcribe_window(sound))
+
+
 def test_other_words_are_not_taken_for_halt(recognizer: CommandRecognizer) -> None:
     assert recognizer.may_be_halt(read_wav_file(SOUNDS / "halt.wav"))
-    assert not recognizer.may_be_halt(read_wav_file(SOUNDS / "slower.wav"))
+    for other in ("slower", "help"):
+        assert not recognizer.may_be_halt(read_wav_file(SOUNDS / f"{other}.wav")), other
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.01, 1.5])
