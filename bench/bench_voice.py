@@ -137,6 +137,8 @@ def measure_sentences(voices: Voices, recognizer: CommandRecognizer, share: floa
             outcome = "right"
         elif meant is not None:
             outcome = "right after a yes" if meant == expected else "waits for a yes"
+        elif isinstance(result, Call) and BY_NAME[result.tool].sentence(result.arguments):
+            outcome = "waits for a yes"  # read back in any case
         elif isinstance(result, Call):
             outcome = "wrong motion" if BY_NAME[result.tool].effect is Effect.MOTION else "other call"
         else:
