@@ -97,7 +97,7 @@ class GraphMonitor:
         self._arm_status_s = 0.0
         self.drive_bus_locks: tuple[str, ...] = ()
         self.was_pressed = False  # whether the e-stop was pressed after its first status arrived
-        self.estop_waits = False  # whether the e-stop's process has not heard every source since it was started
+        self.estop_waits = True  # whether the e-stop's process was not heard yet, or has not heard every source
         self._presses: UnheardPress | None = None
         self.node.subscription(graph.DRIVE_STATUS, self._take_drive_status)
         self.node.subscription(graph.ARM_STATUS, self._take_arm_status)

@@ -51,8 +51,8 @@ class MissionStart:
 
         Nothing is sent before `all_up`: every process is up, or was.
 
-        The request is held back while `estop_waits`, whether the e-stop's process has not heard every source; but not for ever:
-        its refusal then tells the reason.
+        The request is held back while `estop_waits`, whether the e-stop's process was not heard yet or has not heard every
+        source; but not for ever: its refusal then tells the reason.
         """
         if self.mission_id or self.refusal:
             return
