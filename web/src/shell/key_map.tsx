@@ -1,6 +1,7 @@
 import { type TextKey, useText } from "@/i18n/text";
 import { Dialog } from "@/ui/dialog";
 import { useOverlayState } from "@/state/overlays";
+import { TABS } from "@/tabs/table";
 
 interface Row {
   /** Keys as printed on them, or a text of the catalog. */
@@ -12,7 +13,7 @@ const ROWS: readonly Row[] = [
   { keys: [{ key: "key_space" }], meaning: "keys_stop" },
   { keys: [{ key: "key_enter" }], meaning: "keys_release" },
   { keys: ["Ctrl K", "⌘ K"], meaning: "keys_palette" },
-  { keys: ["1", "…", "7"], meaning: "keys_tabs" },
+  { keys: ["1", "…", String(TABS.length)], meaning: "keys_tabs" },
   { keys: ["←", "→"], meaning: "keys_arrows" },
   { keys: ["W", "A", "S", "D"], meaning: "keys_move" },
   { keys: ["Q", "E"], meaning: "keys_turn" },

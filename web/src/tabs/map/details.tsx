@@ -17,7 +17,7 @@ function Live({ children }: { children: ReactNode }) {
   );
 }
 
-/** Four panels in one place: the greenhouse is what a mission is about, the others are looked up. */
+/** Panels in one place: the greenhouse is what a mission is about, the others are looked up. */
 export function Details({ className }: { className?: string }) {
   const text = useText();
   const tabs: { id: string; label: string; view: ReactNode }[] = [
