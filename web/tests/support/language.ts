@@ -72,12 +72,18 @@ export async function expectReadable(page: Page, language: Language, where: stri
   expect.soft({ where, english, overflowing: [...new Set(overflowing)] }).toEqual({ where, english: [], overflowing: [] });
 }
 
-/** Look at every tab. */
+/** Look at every tab, and at the panels that share a place in it. */
 export async function expectTabsReadable(page: Page, language: Language): Promise<void> {
   for (const tab of TABS) {
     await page.locator(`#tab-${tab}`).click();
     await expect(page.locator("#view").getByText(/^(Loading|Laden)$/)).toHaveCount(0);
     await page.waitForTimeout(400);
     await expectReadable(page, language, tab);
+    for (const panel of await page.locator("#view").getByRole("tab").all()) {
+      if (!(await panel.isVisible())) continue;
+      await panel.click();
+      await page.waitForTimeout(200);
+      await expectReadable(page, language, `${tab}: ${await panel.innerText()}`);
+    }
   }
 }
