@@ -3,7 +3,8 @@
 The speech is espeak-ng's, in three voices with two noises: it says how the parts work together, not how well a person is
 understood in a greenhouse. Limits: 90 % of 60 commands, no motion from 60 other sentences, no other motion than was said; a
 spoken stop is spotted within 700 ms after the end of its word (p95), and at most one stop an hour is spotted in other speech;
-listening to silence takes at most 1 % of a core. A sentence that is asked whether it was meant counts as understood if it was.
+listening to silence takes at most 1 % of a core. A sentence that is asked whether it was meant counts as understood if it was,
+and a motion that is read back as one that waits for a yes.
 
 Needs the extra lupin[voice] and espeak-ng.
 """
