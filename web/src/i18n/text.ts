@@ -3,8 +3,10 @@ import { useCallback } from "react";
 import { create } from "zustand";
 import { localStorageOrNull } from "@/storage";
 import { withDecimalMark, writeNumbersIn } from "@/ui/numbers";
-import { arm } from "./catalog/arm";
-import { boot } from "./catalog/boot";
+import { arm } from "./catalog/en/arm";
+import { arm as armDutch } from "./catalog/nl/arm";
+import { boot } from "./catalog/en/boot";
+import { boot as bootDutch } from "./catalog/nl/boot";
 import { cameras } from "./catalog/cameras";
 import { doctor } from "./catalog/doctor";
 import { logs } from "./catalog/logs";
@@ -22,8 +24,8 @@ import { teleop } from "./catalog/teleop";
 import { voice } from "./catalog/voice";
 
 const english = {
-  ...arm.en,
-  ...boot.en,
+  ...arm,
+  ...boot,
   ...cameras.en,
   ...doctor.en,
   ...logs.en,
@@ -41,8 +43,8 @@ const english = {
   ...voice.en,
 };
 const dutch: Record<TextKey, string> = {
-  ...arm.nl,
-  ...boot.nl,
+  ...armDutch,
+  ...bootDutch,
   ...cameras.nl,
   ...doctor.nl,
   ...logs.nl,
