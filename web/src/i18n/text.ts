@@ -7,9 +7,12 @@ import { arm } from "./catalog/en/arm";
 import { arm as armDutch } from "./catalog/nl/arm";
 import { boot } from "./catalog/en/boot";
 import { boot as bootDutch } from "./catalog/nl/boot";
-import { cameras } from "./catalog/cameras";
-import { doctor } from "./catalog/doctor";
-import { logs } from "./catalog/logs";
+import { cameras } from "./catalog/en/cameras";
+import { cameras as camerasDutch } from "./catalog/nl/cameras";
+import { doctor } from "./catalog/en/doctor";
+import { doctor as doctorDutch } from "./catalog/nl/doctor";
+import { logs } from "./catalog/en/logs";
+import { logs as logsDutch } from "./catalog/nl/logs";
 import { map } from "./catalog/map";
 import { mission } from "./catalog/mission";
 import { palette } from "./catalog/palette";
@@ -26,9 +29,9 @@ import { voice } from "./catalog/voice";
 const english = {
   ...arm,
   ...boot,
-  ...cameras.en,
-  ...doctor.en,
-  ...logs.en,
+  ...cameras,
+  ...doctor,
+  ...logs,
   ...map.en,
   ...mission.en,
   ...palette.en,
@@ -45,9 +48,9 @@ const english = {
 const dutch: Record<TextKey, string> = {
   ...armDutch,
   ...bootDutch,
-  ...cameras.nl,
-  ...doctor.nl,
-  ...logs.nl,
+  ...camerasDutch,
+  ...doctorDutch,
+  ...logsDutch,
   ...map.nl,
   ...mission.nl,
   ...palette.nl,

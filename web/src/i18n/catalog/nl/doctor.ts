@@ -1,48 +1,6 @@
-const en = {
-  doctor_not_asked: "Not examined yet",
-  doctor_not_asked_hint: "The doctor looks at this computer, the robot and the graph. It changes nothing.",
-  doctor_can_work: "The robot can work",
-  doctor_cannot_work: "The robot cannot work",
-  doctor_unreachable: "The robot cannot be reached",
-  doctor_incomplete: "Not everything could be examined",
-  doctor_counts: "{problems} {problems|problem|problems} and {warnings} {warnings|warning|warnings} in {checks} {checks|check|checks}",
-  doctor_clean: "{checks} {checks|check|checks}, nothing found",
-  doctor_examined: "examined {age} ago",
-  doctor_examine: "Examine",
-  doctor_examine_again: "Examine again",
-  doctor_examining: "Examining: this takes a few seconds",
-  doctor_previewing: "Working out what the fix would change",
-  doctor_playing: "Applying the fix",
-  doctor_failed: "The doctor could not finish: {reason}",
-  doctor_problem: "Problem",
-  doctor_warning: "Warning",
-  doctor_symptom: "What you notice: {symptom}",
-  doctor_evidence: "Evidence",
-  doctor_consequences: "Explains {count} more",
-  doctor_by_hand: "By hand",
-  doctor_copy: "Copy",
-  doctor_copied: "Copied",
-  doctor_preview: "Preview the fix",
-  doctor_fix: "Fix it",
-  doctor_fix_needs_control: "Needs control",
-  doctor_fix_unsafe: "This fix interrupts what runs on the robot.",
-  doctor_fix_safe: "This fix stops nothing that works and loses no data.",
-  doctor_would_change: "It would change {count} of {total} {total|step|steps}",
-  doctor_would_not_change: "It would change nothing: the fault may be gone already",
-  doctor_changed: "Done: {count} of {total} {total|step|steps} changed something. Examining again.",
-  doctor_play_failed: "{playbook} {state}: {message}",
-  doctor_next: "Next: {command}",
-  doctor_not_examined: "Not examined",
-  doctor_broken: "Checks that failed",
-  doctor_checks: "All checks",
-  doctor_step_same: "as it should be",
-  doctor_step_changed: "changed",
-  "doctor_step_would-change": "would change",
-  doctor_step_skipped: "skipped",
-  doctor_step_failed: "failed",
-};
+import type { doctor as english } from "../en/doctor";
 
-const nl: Record<keyof typeof en, string> = {
+export const doctor: Record<keyof typeof english, string> = {
   doctor_not_asked: "Nog niet onderzocht",
   doctor_not_asked_hint: "De dokter bekijkt deze computer, de robot en de graaf. Hij verandert niets.",
   doctor_can_work: "De robot kan werken",
@@ -85,5 +43,3 @@ const nl: Record<keyof typeof en, string> = {
   doctor_step_skipped: "overgeslagen",
   doctor_step_failed: "mislukt",
 };
-
-export const doctor = { en, nl };
