@@ -13,7 +13,8 @@ import { doctor } from "./catalog/en/doctor";
 import { doctor as doctorDutch } from "./catalog/nl/doctor";
 import { logs } from "./catalog/en/logs";
 import { logs as logsDutch } from "./catalog/nl/logs";
-import { map } from "./catalog/map";
+import { map } from "./catalog/en/map";
+import { map as mapDutch } from "./catalog/nl/map";
 import { mission } from "./catalog/mission";
 import { palette } from "./catalog/palette";
 import { places } from "./catalog/places";
@@ -32,7 +33,7 @@ const english = {
   ...cameras,
   ...doctor,
   ...logs,
-  ...map.en,
+  ...map,
   ...mission.en,
   ...palette.en,
   ...places.en,
@@ -51,7 +52,7 @@ const dutch: Record<TextKey, string> = {
   ...camerasDutch,
   ...doctorDutch,
   ...logsDutch,
-  ...map.nl,
+  ...mapDutch,
   ...mission.nl,
   ...palette.nl,
   ...places.nl,
