@@ -15,8 +15,10 @@ import { logs } from "./catalog/en/logs";
 import { logs as logsDutch } from "./catalog/nl/logs";
 import { map } from "./catalog/en/map";
 import { map as mapDutch } from "./catalog/nl/map";
-import { mission } from "./catalog/mission";
-import { palette } from "./catalog/palette";
+import { mission } from "./catalog/en/mission";
+import { mission as missionDutch } from "./catalog/nl/mission";
+import { palette } from "./catalog/en/palette";
+import { palette as paletteDutch } from "./catalog/nl/palette";
 import { places } from "./catalog/places";
 import { rewind } from "./catalog/rewind";
 import { runs } from "./catalog/runs";
@@ -34,8 +36,8 @@ const english = {
   ...doctor,
   ...logs,
   ...map,
-  ...mission.en,
-  ...palette.en,
+  ...mission,
+  ...palette,
   ...places.en,
   ...rewind.en,
   ...runs.en,
@@ -53,8 +55,8 @@ const dutch: Record<TextKey, string> = {
   ...doctorDutch,
   ...logsDutch,
   ...mapDutch,
-  ...mission.nl,
-  ...palette.nl,
+  ...missionDutch,
+  ...paletteDutch,
   ...places.nl,
   ...rewind.nl,
   ...runs.nl,
