@@ -19,9 +19,12 @@ import { mission } from "./catalog/en/mission";
 import { mission as missionDutch } from "./catalog/nl/mission";
 import { palette } from "./catalog/en/palette";
 import { palette as paletteDutch } from "./catalog/nl/palette";
-import { places } from "./catalog/places";
-import { rewind } from "./catalog/rewind";
-import { runs } from "./catalog/runs";
+import { places } from "./catalog/en/places";
+import { places as placesDutch } from "./catalog/nl/places";
+import { rewind } from "./catalog/en/rewind";
+import { rewind as rewindDutch } from "./catalog/nl/rewind";
+import { runs } from "./catalog/en/runs";
+import { runs as runsDutch } from "./catalog/nl/runs";
 import { settings } from "./catalog/settings";
 import { shell } from "./catalog/shell";
 import { stop } from "./catalog/stop";
@@ -38,9 +41,9 @@ const english = {
   ...map,
   ...mission,
   ...palette,
-  ...places.en,
-  ...rewind.en,
-  ...runs.en,
+  ...places,
+  ...rewind,
+  ...runs,
   ...settings.en,
   ...shell.en,
   ...stop.en,
@@ -57,9 +60,9 @@ const dutch: Record<TextKey, string> = {
   ...mapDutch,
   ...missionDutch,
   ...paletteDutch,
-  ...places.nl,
-  ...rewind.nl,
-  ...runs.nl,
+  ...placesDutch,
+  ...rewindDutch,
+  ...runsDutch,
   ...settings.nl,
   ...shell.nl,
   ...stop.nl,

@@ -1,49 +1,6 @@
-/** Named locations, saved maps, and approaches of tags. */
-const en = {
-  map_places: "Places",
-  map_locations: "Named locations",
-  map_go: "Go",
-  map_go_to: "Go to {name}",
-  map_remove: "Hold to remove {name}",
-  map_reset_home: "Hold to reset {name}",
-  map_save_here: "Save here",
-  map_save_here_hint: "Name of this place",
-  map_saved_location: "{name} saved",
-  map_place_unknown: "The robot's position is unknown",
-  map_maps: "Saved maps",
-  map_no_maps: "No map was saved yet",
-  map_maps_failed: "The list could not be read: {reason}",
-  map_save_map: "Save map",
-  map_save_map_hint: "Name of the map",
-  map_saved_map: "Map {name} saved",
-  map_replace: "Hold to replace",
-  map_loaded_now: "loaded",
-  map_is_loaded: "it is the loaded map",
-  map_not_loadable: "it was saved without the pose graph that SLAM needs",
-  map_goal_running: "the robot drives to a goal",
-  map_cannot_load: "It cannot be loaded now: {reason}.",
-  map_cannot_delete: "It cannot be deleted now: {reason}.",
-  map_delete_map: "Hold to delete",
-  map_delete_hold: "Hold to delete the map {name}",
-  map_deleted_map: "Map {name} deleted",
-  map_command_hint: "To localize on it in a new run, on the console's computer:",
-  map_load_map: "Hold to load",
-  map_load_hold: "Hold to load the map {name}",
-  map_loading_map: "Loading",
-  map_loaded_map: "The robot now uses the map {name}",
-  map_load_hint: "SLAM continues in a loaded map. The robot must stand where that map was started; if it does not, correct its position.",
-  map_relocate: "Correct the position",
-  map_relocate_explained: "Show on the map where the robot really stands, after it was carried or got lost.",
-  map_approaches: "Approach of a tag",
-  map_approaches_explained: "Draw where the robot should stand to read the selected tag. The mission uses it at the next visit. For another run on this map, download the file: {command}",
-  map_approach_stored: "Approach of tag {tag} stored: used from the next visit on",
-  map_draw_approach: "Draw for tag {tag}",
-  map_draw_approach_none: "Select a tag",
-  map_download_overrides: "Download {count} as YAML",
-  map_remove_approach: "Remove the approach of tag {tag}",
-};
+import type { places as english } from "../en/places";
 
-const nl: Record<keyof typeof en, string> = {
+export const places: Record<keyof typeof english, string> = {
   map_places: "Plaatsen",
   map_locations: "Plaatsen met een naam",
   map_go: "Rijden",
@@ -86,5 +43,3 @@ const nl: Record<keyof typeof en, string> = {
   map_download_overrides: "{count} als YAML opslaan",
   map_remove_approach: "Nadering van tag {tag} verwijderen",
 };
-
-export const places = { en, nl };
