@@ -25,7 +25,8 @@ import { rewind } from "./catalog/en/rewind";
 import { rewind as rewindDutch } from "./catalog/nl/rewind";
 import { runs } from "./catalog/en/runs";
 import { runs as runsDutch } from "./catalog/nl/runs";
-import { settings } from "./catalog/settings";
+import { settings } from "./catalog/en/settings";
+import { settings as settingsDutch } from "./catalog/nl/settings";
 import { shell } from "./catalog/shell";
 import { stop } from "./catalog/stop";
 import { telemetry } from "./catalog/telemetry";
@@ -44,7 +45,7 @@ const english = {
   ...places,
   ...rewind,
   ...runs,
-  ...settings.en,
+  ...settings,
   ...shell.en,
   ...stop.en,
   ...telemetry.en,
@@ -63,7 +64,7 @@ const dutch: Record<TextKey, string> = {
   ...placesDutch,
   ...rewindDutch,
   ...runsDutch,
-  ...settings.nl,
+  ...settingsDutch,
   ...shell.nl,
   ...stop.nl,
   ...telemetry.nl,
