@@ -27,7 +27,8 @@ import { runs } from "./catalog/en/runs";
 import { runs as runsDutch } from "./catalog/nl/runs";
 import { settings } from "./catalog/en/settings";
 import { settings as settingsDutch } from "./catalog/nl/settings";
-import { shell } from "./catalog/shell";
+import { shell } from "./catalog/en/shell";
+import { shell as shellDutch } from "./catalog/nl/shell";
 import { stop } from "./catalog/stop";
 import { telemetry } from "./catalog/telemetry";
 import { teleop } from "./catalog/teleop";
@@ -46,7 +47,7 @@ const english = {
   ...rewind,
   ...runs,
   ...settings,
-  ...shell.en,
+  ...shell,
   ...stop.en,
   ...telemetry.en,
   ...teleop.en,
@@ -65,7 +66,7 @@ const dutch: Record<TextKey, string> = {
   ...rewindDutch,
   ...runsDutch,
   ...settingsDutch,
-  ...shell.nl,
+  ...shellDutch,
   ...stop.nl,
   ...telemetry.nl,
   ...teleop.nl,

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { lupin_msgs_MissionState } from "@/generated/messages";
-import { shell } from "@/i18n/catalog/shell";
+import { shell } from "@/i18n/catalog/en/shell";
 import { type DriveFacts, driveAnswer, driveObstacles, motionObstacles, parseDriveStatus, parseEstopReasons, relocationObstacles } from "./can_drive";
 import { type Situation, progress, sentence } from "./sentence";
 
@@ -54,7 +54,7 @@ function* situations(): Generator<Situation> {
 
 /** The situations in which the sentence breaks a rule, as text. */
 function violations(isBroken: (situation: Situation, text: string) => boolean): string[] {
-  return [...situations()].filter((each) => isBroken(each, shell.en[sentence(each).key as keyof typeof shell.en])).map((each) => JSON.stringify(each));
+  return [...situations()].filter((each) => isBroken(each, shell[sentence(each).key as keyof typeof shell])).map((each) => JSON.stringify(each));
 }
 
 describe("every sentence", () => {
