@@ -29,8 +29,10 @@ import { settings } from "./catalog/en/settings";
 import { settings as settingsDutch } from "./catalog/nl/settings";
 import { shell } from "./catalog/en/shell";
 import { shell as shellDutch } from "./catalog/nl/shell";
-import { stop } from "./catalog/stop";
-import { telemetry } from "./catalog/telemetry";
+import { stop } from "./catalog/en/stop";
+import { stop as stopDutch } from "./catalog/nl/stop";
+import { telemetry } from "./catalog/en/telemetry";
+import { telemetry as telemetryDutch } from "./catalog/nl/telemetry";
 import { teleop } from "./catalog/teleop";
 import { voice } from "./catalog/voice";
 
@@ -48,8 +50,8 @@ const english = {
   ...runs,
   ...settings,
   ...shell,
-  ...stop.en,
-  ...telemetry.en,
+  ...stop,
+  ...telemetry,
   ...teleop.en,
   ...voice.en,
 };
@@ -67,8 +69,8 @@ const dutch: Record<TextKey, string> = {
   ...runsDutch,
   ...settingsDutch,
   ...shellDutch,
-  ...stop.nl,
-  ...telemetry.nl,
+  ...stopDutch,
+  ...telemetryDutch,
   ...teleop.nl,
   ...voice.nl,
 };
