@@ -33,8 +33,10 @@ import { stop } from "./catalog/en/stop";
 import { stop as stopDutch } from "./catalog/nl/stop";
 import { telemetry } from "./catalog/en/telemetry";
 import { telemetry as telemetryDutch } from "./catalog/nl/telemetry";
-import { teleop } from "./catalog/teleop";
-import { voice } from "./catalog/voice";
+import { teleop } from "./catalog/en/teleop";
+import { teleop as teleopDutch } from "./catalog/nl/teleop";
+import { voice } from "./catalog/en/voice";
+import { voice as voiceDutch } from "./catalog/nl/voice";
 
 const english = {
   ...arm,
@@ -52,8 +54,8 @@ const english = {
   ...shell,
   ...stop,
   ...telemetry,
-  ...teleop.en,
-  ...voice.en,
+  ...teleop,
+  ...voice,
 };
 const dutch: Record<TextKey, string> = {
   ...armDutch,
@@ -71,8 +73,8 @@ const dutch: Record<TextKey, string> = {
   ...shellDutch,
   ...stopDutch,
   ...telemetryDutch,
-  ...teleop.nl,
-  ...voice.nl,
+  ...teleopDutch,
+  ...voiceDutch,
 };
 
 export type TextKey = keyof typeof english;
