@@ -55,7 +55,12 @@ def size() -> dict[str, float]:
             waiting += [f"assets/{name}" for name in re.findall(r'(?:from|import)\s*"\./([^"]+\.js)"', text)]
     scene = next(path.name for path in (PAGE / "assets").glob("*.js") if _SCENE_CHUNK.fullmatch(path.name))
     assert f"assets/{scene}" not in loaded
-    return {"before_3d_kb": sum(map(gzip_kb, loaded)), "scene_chunk_kb": gzip_kb(f"assets/{scene}")}
+    [dutch] = (PAGE / "assets").glob("dutch-*.js")
+    return {
+        "before_3d_kb": sum(map(gzip_kb, loaded)),
+        "more_in_dutch_kb": gzip_kb(f"assets/{dutch.name}"),
+        "scene_chunk_kb": gzip_kb(f"assets/{scene}"),
+    }
 
 
 def probe(part: str, run: Run, seconds: float) -> Any:

@@ -1,14 +1,17 @@
-import { describe, expect, it } from "vitest";
+import { beforeAll, describe, expect, it } from "vitest";
 import { SENTENCES } from "@/generated/sentences";
 import { writeNumbersIn } from "@/ui/numbers";
-import { DUTCH_SENTENCES } from "./catalog/sentences";
+import { sentences } from "./catalog/nl/sentences";
 import { explained, isForeign, namedIn, wordsIn } from "./robot_words";
+import { loadDutch } from "./text";
 
 const placesOf = (template: string) => [...template.matchAll(/\{(\w+)\}/g)].map(([, place]) => place).toSorted();
 
+beforeAll(loadDutch);
+
 describe("the robot's own words", () => {
   it.each(Object.entries(SENTENCES))("%s has the same places in Dutch, and is found", (name, template) => {
-    const dutch = DUTCH_SENTENCES[name as keyof typeof SENTENCES];
+    const dutch = sentences[name as keyof typeof SENTENCES];
     expect(placesOf(dutch)).toEqual(placesOf(template));
     const words = template.replace("{seconds}", "0.6").replace(/\{\w+\}/g, "x-1");
     expect(isForeign("nl", words)).toBe(false);

@@ -1,10 +1,9 @@
 /** What the robot and the console say in their own words, in the page's language where the sentence is one of their table. */
 import { SENTENCES } from "@/generated/sentences";
 import { withDecimalMark } from "@/ui/numbers";
-import { DUTCH_SENTENCES } from "./catalog/sentences";
-import type { Language, TextValues } from "./text";
+import { type Language, type Sentences, sentencesIn, type TextValues } from "./text";
 
-type SentenceName = keyof typeof SENTENCES;
+type SentenceName = keyof Sentences;
 
 const PLACE = /\{(\w+)\}/g;
 const NUMBER = /^[+-]?\d+(?:\.\d+)?$/;
@@ -17,7 +16,7 @@ const TEMPLATES = (Object.keys(SENTENCES) as SentenceName[]).map((name) => {
 
 /** A sentence in a language, or several with commas between them; as it is where the table has no such sentence. */
 export function wordsIn(language: Language, words: string): string {
-  return language === "en" ? words : (translated(words) ?? words);
+  return translated(language, words) ?? words;
 }
 
 /** The values of a text, with the names of voice agents in a language: a browser's own name has none. */
@@ -38,23 +37,25 @@ export function explained(detail: string): string {
 
 /** Whether `wordsIn` returns words of another language than the page's. */
 export function isForeign(language: Language, words: string): boolean {
-  return language !== "en" && translated(words) === null;
+  return language !== "en" && translated(language, words) === null;
 }
 
-function translated(words: string): string | null {
-  const found = sentence(words);
+function translated(language: Language, words: string): string | null {
+  const sentences = sentencesIn(language);
+  if (sentences === null) return null;
+  const found = sentence(sentences, words);
   if (found !== null || !words.includes(", ")) return found;
-  const parts = words.split(", ").map(sentence);
+  const parts = words.split(", ").map((part) => sentence(sentences, part));
   return parts.every((part) => part !== null) ? parts.join(", ") : null;
 }
 
-function sentence(words: string): string | null {
+function sentence(sentences: Sentences, words: string): string | null {
   for (const { name, pattern } of TEMPLATES) {
     const values = pattern.exec(words);
     if (values === null) continue;
-    return DUTCH_SENTENCES[name].replace(PLACE, (_, place: string) => {
+    return sentences[name].replace(PLACE, (_, place: string) => {
       const value = values.groups?.[place] ?? "";
-      return place !== "name" && NUMBER.test(value) ? withDecimalMark(value) : (sentence(value) ?? value);
+      return place !== "name" && NUMBER.test(value) ? withDecimalMark(value) : (sentence(sentences, value) ?? value);
     });
   }
   return null;

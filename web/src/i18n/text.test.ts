@@ -1,6 +1,8 @@
 // @vitest-environment jsdom
-import { describe, expect, it } from "vitest";
-import { TEXT_KEYS, textIn } from "./text";
+import { beforeAll, describe, expect, it } from "vitest";
+import { loadDutch, setLanguage, TEXT_KEYS, textIn, useLanguage } from "./text";
+
+beforeAll(loadDutch);
 
 describe("texts", () => {
   it("have the same places for values in both languages", () => {
@@ -15,5 +17,12 @@ describe("texts", () => {
 
   it("take values as they are", () => {
     expect(textIn("en", "driving_to", { tag: "<b>$&{tag}" })).toBe("Driving to tag <b>$&{tag}");
+  });
+
+  it("stay in the language that was chosen last", async () => {
+    const earlier = setLanguage("nl");
+    await setLanguage("en");
+    await earlier;
+    expect(useLanguage.getState().language).toBe("en");
   });
 });

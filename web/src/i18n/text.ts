@@ -1,88 +1,17 @@
 /** The page's texts: one catalog, in English and Dutch. */
 import { useCallback } from "react";
 import { create } from "zustand";
+import type { SENTENCES } from "@/generated/sentences";
 import { localStorageOrNull } from "@/storage";
+import { loadWithRetries, preload } from "@/ui/deferred";
 import { withDecimalMark, writeNumbersIn } from "@/ui/numbers";
-import { arm } from "./catalog/en/arm";
-import { arm as armDutch } from "./catalog/nl/arm";
-import { boot } from "./catalog/en/boot";
-import { boot as bootDutch } from "./catalog/nl/boot";
-import { cameras } from "./catalog/en/cameras";
-import { cameras as camerasDutch } from "./catalog/nl/cameras";
-import { doctor } from "./catalog/en/doctor";
-import { doctor as doctorDutch } from "./catalog/nl/doctor";
-import { logs } from "./catalog/en/logs";
-import { logs as logsDutch } from "./catalog/nl/logs";
-import { map } from "./catalog/en/map";
-import { map as mapDutch } from "./catalog/nl/map";
-import { mission } from "./catalog/en/mission";
-import { mission as missionDutch } from "./catalog/nl/mission";
-import { palette } from "./catalog/en/palette";
-import { palette as paletteDutch } from "./catalog/nl/palette";
-import { places } from "./catalog/en/places";
-import { places as placesDutch } from "./catalog/nl/places";
-import { rewind } from "./catalog/en/rewind";
-import { rewind as rewindDutch } from "./catalog/nl/rewind";
-import { runs } from "./catalog/en/runs";
-import { runs as runsDutch } from "./catalog/nl/runs";
-import { settings } from "./catalog/en/settings";
-import { settings as settingsDutch } from "./catalog/nl/settings";
-import { shell } from "./catalog/en/shell";
-import { shell as shellDutch } from "./catalog/nl/shell";
-import { stop } from "./catalog/en/stop";
-import { stop as stopDutch } from "./catalog/nl/stop";
-import { telemetry } from "./catalog/en/telemetry";
-import { telemetry as telemetryDutch } from "./catalog/nl/telemetry";
-import { teleop } from "./catalog/en/teleop";
-import { teleop as teleopDutch } from "./catalog/nl/teleop";
-import { voice } from "./catalog/en/voice";
-import { voice as voiceDutch } from "./catalog/nl/voice";
+import { type TextKey, texts as english } from "./catalog/english";
 
-const english = {
-  ...arm,
-  ...boot,
-  ...cameras,
-  ...doctor,
-  ...logs,
-  ...map,
-  ...mission,
-  ...palette,
-  ...places,
-  ...rewind,
-  ...runs,
-  ...settings,
-  ...shell,
-  ...stop,
-  ...telemetry,
-  ...teleop,
-  ...voice,
-};
-const dutch: Record<TextKey, string> = {
-  ...armDutch,
-  ...bootDutch,
-  ...camerasDutch,
-  ...doctorDutch,
-  ...logsDutch,
-  ...mapDutch,
-  ...missionDutch,
-  ...paletteDutch,
-  ...placesDutch,
-  ...rewindDutch,
-  ...runsDutch,
-  ...settingsDutch,
-  ...shellDutch,
-  ...stopDutch,
-  ...telemetryDutch,
-  ...teleopDutch,
-  ...voiceDutch,
-};
-
-export type TextKey = keyof typeof english;
+export type { TextKey };
 export type Language = "en" | "nl";
 export const TEXT_KEYS = Object.keys(english) as TextKey[];
 export type TextValues = Record<string, string | number>;
 
-const CATALOG: Record<Language, Record<TextKey, string>> = { en: english, nl: dutch };
 const KEY = "lupin-language";
 
 export const LANGUAGES: readonly { value: Language; label: string }[] = [
@@ -90,16 +19,32 @@ export const LANGUAGES: readonly { value: Language; label: string }[] = [
   { value: "nl", label: "Nederlands" },
 ];
 
-function preferredLanguage(): Language {
+/** Null until the page needed it: only English is loaded with the page. */
+let dutch: typeof import("./catalog/dutch") | null = null;
+
+export async function loadDutch(): Promise<void> {
+  dutch ??= await import("./catalog/dutch");
+}
+
+preload(loadDutch);
+
+/** What this browser chose, or else the first of its own languages. */
+export function preferredLanguage(): Language {
   const stored = localStorageOrNull()?.getItem(KEY);
   if (stored === "en" || stored === "nl") return stored;
   return navigator.language.startsWith("nl") ? "nl" : "en";
 }
 
-export const useLanguage = create<{ language: Language }>(() => ({ language: preferredLanguage() }));
-writeNumbersIn(useLanguage.getState().language);
+/** The language that is shown. */
+export const useLanguage = create<{ language: Language }>(() => ({ language: "en" }));
 
-export function setLanguage(language: Language): void {
+let chosen: Language = "en";
+
+/** Show a language once its texts are loaded; throws, and shows the one before, if they cannot be. */
+export async function setLanguage(language: Language): Promise<void> {
+  chosen = language;
+  if (language === "nl") await loadWithRetries(loadDutch);
+  if (chosen !== language) return;
   writeNumbersIn(language);
   useLanguage.setState({ language });
   document.documentElement.lang = language;
@@ -110,9 +55,18 @@ export function setLanguage(language: Language): void {
   }
 }
 
+/** What the robot and the console say, by the name of the sentence. */
+export type Sentences = Readonly<Record<keyof typeof SENTENCES, string>>;
+
+/** The sentences in a language; null for English, which is their own, and for what is not loaded. */
+export function sentencesIn(language: Language): Sentences | null {
+  return language === "nl" ? (dutch?.sentences ?? null) : null;
+}
+
 /** A text of the catalog, with `{name}` replaced by the values, and `{name|one|many}` by the word for as many. */
 export function textIn(language: Language, key: TextKey, values: TextValues = {}): string {
-  return CATALOG[language][key].replace(PLACE, (whole, name: string, one?: string, many?: string) => {
+  const texts = language === "nl" && dutch !== null ? dutch.texts : english;
+  return texts[key].replace(PLACE, (whole, name: string, one?: string, many?: string) => {
     const value = values[name];
     if (one !== undefined && many !== undefined) return value === 1 ? one : many;
     return typeof value === "number" ? withDecimalMark(String(value)) : (value ?? whole);

@@ -1,5 +1,6 @@
 import { ChevronDown, Keyboard, QrCode, ScrollText, Search, Stethoscope } from "lucide-react";
 import { LANGUAGES, setLanguage, useLanguage, useText } from "@/i18n/text";
+import { showProblem } from "@/state/problems";
 import { useSettingsPlace } from "@/state/settings";
 import { localStorageOrNull } from "@/storage";
 import { Button } from "@/ui/button";
@@ -24,7 +25,7 @@ export default function SettingsDrawer() {
             {text("settings_language")}
             <span className="block text-xs text-text-3">{text("settings_language_hint")}</span>
           </p>
-          <Segments label={text("settings_language")} value={language} options={LANGUAGES} onChange={setLanguage} />
+          <Segments label={text("settings_language")} value={language} options={LANGUAGES} onChange={(next) => void setLanguage(next).catch(showProblem)} />
         </div>
         {GROUPS.map((group) => (
           <SettingsGroup key={group.title} group={group} />

@@ -1,7 +1,7 @@
 // @vitest-environment jsdom
-import { describe, expect, it } from "vitest";
+import { beforeAll, describe, expect, it } from "vitest";
 import type { StopHold } from "@/api/console_store";
-import { textIn } from "@/i18n/text";
+import { loadDutch, textIn } from "@/i18n/text";
 import { type StopFacts, stopLines } from "./stop_reasons";
 
 const CONSOLE = "a browser of the console holds the stop";
@@ -17,6 +17,8 @@ const button: StopHold = { kind: "robot", text: "the button is pressed", press: 
 function said(facts: StopFacts): string[] {
   return stopLines(facts).map(({ key, values, words }) => (key === null ? words : `${key} ${String(values["name"] ?? "")}`.trim()));
 }
+
+beforeAll(loadDutch);
 
 describe("the reasons of a stop", () => {
   it("begin with this page's own, in its words only", () => {

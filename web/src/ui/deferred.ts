@@ -38,6 +38,11 @@ export function deferred<P extends object>(load: Load<P>, { preloaded = true } =
   };
 }
 
+/** Something else to be loaded with the parts. */
+export function preload(load: () => Promise<unknown>): void {
+  loads.push(load);
+}
+
 /** Load parts that failed anew when they are shown again. */
 export function renewFailedParts(): void {
   for (const renew of renewals) renew();

@@ -1,5 +1,6 @@
-import { type Page, test } from "@playwright/test";
+import { expect, type Page, test } from "@playwright/test";
 import { type Language, expectReadable, expectTabsReadable, openIn } from "../support/language";
+import { hold } from "../support/page";
 
 const HEIGHTS: Record<number, number> = { 390: 844, 768: 1024, 1440: 900, 1920: 1080 };
 
@@ -36,3 +37,14 @@ for (const language of ["en", "nl"] as const) {
     });
   }
 }
+
+test("the page is there in English until its language can be loaded", async ({ page }) => {
+  const dutch = "**/assets/dutch-*.js";
+  await page.route(dutch, (route) => route.abort());
+  await openIn(page, "nl", "teleop", "state=calm&control=free");
+  await expect(page.getByText("Sticks are blocked")).toBeVisible();
+  await hold(page, "release");
+  await expect(page.getByText("Sticks are live")).toBeVisible();
+  await page.unroute(dutch);
+  await expectReadable(page, "nl", "teleop");
+});

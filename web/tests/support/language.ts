@@ -67,6 +67,7 @@ function read(page: Page): Promise<Shown> {
 
 /** No text of what is shown is cut off, and in Dutch none is English. */
 export async function expectReadable(page: Page, language: Language, where: string): Promise<void> {
+  await expect(page.locator("html")).toHaveAttribute("lang", language);
   const { texts, overflowing } = await read(page);
   const english = language === "nl" ? [...new Set(texts)].filter((text) => ENGLISH.test(text)) : [];
   expect.soft({ where, english, overflowing: [...new Set(overflowing)] }).toEqual({ where, english: [], overflowing: [] });

@@ -1,6 +1,6 @@
 // @vitest-environment jsdom
-import { describe, expect, it } from "vitest";
-import { TEXT_KEYS, textIn } from "@/i18n/text";
+import { beforeAll, describe, expect, it } from "vitest";
+import { loadDutch, TEXT_KEYS, textIn } from "@/i18n/text";
 import type { MissionFacts } from "@/map/mission_rules";
 import { type CommandFacts, commandsFor } from "./commands";
 
@@ -31,6 +31,8 @@ const FREE: CommandFacts = {
   language: "en",
 };
 const obstacles = (facts: CommandFacts) => new Map(commandsFor(facts).map(({ id, obstacle }) => [id, obstacle]));
+
+beforeAll(loadDutch);
 
 describe("the palette's commands", () => {
   it("are confirmed where they end or replace what runs", () => {

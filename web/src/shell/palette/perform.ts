@@ -28,7 +28,7 @@ export async function perform(action: Action): Promise<"done" | "sent" | null> {
       await examine();
       return null;
     case "language":
-      setLanguage(action.language);
+      await setLanguage(action.language);
       return null;
     case "stop":
       stop();

@@ -1,7 +1,7 @@
 import type { SENTENCES } from "@/generated/sentences";
 
 /** The sentences of the robot and the console in Dutch, with the same places. */
-export const DUTCH_SENTENCES: Record<keyof typeof SENTENCES, string> = {
+export const sentences: Record<keyof typeof SENTENCES, string> = {
   button_pressed: "de knop is ingedrukt",
   button_silent: "van de knop is al meer dan {seconds} s niets gehoord",
   missed_press:
