@@ -130,10 +130,13 @@ class NavigationClient:
         if goal is not None:
             goal.handle.cancel_goal_async()
 
-    def cancel_all(self) -> None:
+    def cancel_all(self, on_answer: Callable[[], None]) -> bool:
         """Request cancellation of every goal: a zero id with a zero stamp means all (action_msgs/CancelGoal)."""
-        if self._cancel_client.service_is_ready():
-            self._cancel_client.call_async(CancelGoal.Request(goal_info=GoalInfo()))
+        if not self._cancel_client.service_is_ready():
+            return False
+        answer = self._cancel_client.call_async(CancelGoal.Request(goal_info=GoalInfo()))
+        answer.add_done_callback(lambda _done: self._run_locked(on_answer))
+        return True
 
 
 class _ServiceClient:

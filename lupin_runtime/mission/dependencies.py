@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from lupin_runtime.mission.context import Context
 
+# Navigation answers at once. A process that was killed, and is still discovered, never does.
+CANCEL_ANSWER_WAIT_S = 2.0
+
 
 class Dependencies:
     """Checks the servers. Unlike activities it also runs while the mission is blocked, since nothing moves in BOOT."""
@@ -11,6 +14,9 @@ class Dependencies:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._boot_s: float | None = None
+        self._cancel_since_s: float | None = None
+        self._cancel_sent = False
+        self._cancel_answered = False
 
     def missing(self) -> list[str]:
         """Return the names of the servers that are not available."""
@@ -31,9 +37,8 @@ class Dependencies:
             self._boot_s = now
         missing = self.missing()
         if not missing:
-            # An orchestrator that crashed may have left a goal running, and no other process would cancel it.
-            context.ports.navigation.cancel_all()
-            context.fire("deps_up")
+            if self._old_goals_cancelled(now):
+                context.fire("deps_up")
         elif now - self._boot_s >= timeout_s:
             context.last_error = "dependency_timeout"
             context.ports.publisher.log(
@@ -41,3 +46,17 @@ class Dependencies:
                 warning=True,
             )
             context.fire("fault")
+
+    def _old_goals_cancelled(self, now: float) -> bool:
+        """Cancel what an orchestrator that crashed may have left running: no other process would.
+
+        The request names no goal, so one that is sent before the answer could overtake it and be cancelled, too.
+        """
+        if self._cancel_since_s is None:
+            self._cancel_since_s = now
+        if not self._cancel_sent:
+            self._cancel_sent = self._context.ports.navigation.cancel_all(self._on_cancel_answer)
+        return self._cancel_answered or now - self._cancel_since_s >= CANCEL_ANSWER_WAIT_S
+
+    def _on_cancel_answer(self) -> None:
+        self._cancel_answered = True

@@ -39,8 +39,11 @@ class Navigation(Protocol):
     def cancel(self, token: int) -> None:
         """Request cancellation of a goal, accepted or not. Has no effect when repeated, or on a goal that has ended."""
 
-    def cancel_all(self) -> None:
-        """Request cancellation of every goal of the server, including other clients' goals."""
+    def cancel_all(self, on_answer: Callable[[], None]) -> bool:
+        """Request cancellation of every goal of the server, including other clients' goals; return whether it was sent.
+
+        `on_answer` is called later, or never. A goal that is sent before that may be cancelled with the others.
+        """
 
 
 class ClimateBridge(Protocol):

@@ -94,8 +94,11 @@ class FakeNavigation:
         if self.answers_cancels and goal.accepted and not goal.ended:
             self.end(goal, STATUS_CANCELED)
 
-    def cancel_all(self) -> None:
+    def cancel_all(self, on_answer: Callable[[], None]) -> bool:
         self.cancel_all_count += 1
+        if self.answers_cancels:
+            on_answer()
+        return True
 
     @property
     def open(self) -> list[Goal]:

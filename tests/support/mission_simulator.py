@@ -102,8 +102,10 @@ class MissionSimulator:
             self._goal = None
             self._schedule(lambda: self.orchestrator.goal_finished(token, 5))
 
-    def cancel_all(self) -> None:
+    def cancel_all(self, on_answer: Callable[[], None]) -> bool:
         self._goal = None
+        on_answer()
+        return True
 
     def read(self, tag_id: str, on_reading: Callable[[ClimateReading], None]) -> None:
         self._schedule(lambda: on_reading(ClimateReading(0, values=(("co2", 400.0),))))

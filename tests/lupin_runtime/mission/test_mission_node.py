@@ -328,6 +328,19 @@ def test_pause_stops_a_drive_whose_acceptance_was_lost(graph_host: Any, monkeypa
     fake.host.until(lambda: fake.results == ["canceled"], what="the goal's end")
 
 
+def test_cancel_of_all_goals_is_answered(graph_host: Any) -> None:
+    fake = FakeGraph(graph_host)
+    fake.hold = True
+    fake.show_tags("1")
+    fake.host.until(lambda: fake.start("InspectionMission", ("1",)).accepted, what="a start with a known tag")
+    fake.host.until(lambda: fake.active, what="a goal")
+    answers: list[bool] = []
+    navigation = fake.orchestrator._navigation
+    assert fake.host.within(fake.orchestrator, lambda: navigation.cancel_all(lambda: answers.append(True)))
+    fake.host.until(lambda: answers == [True], what="the answer")
+    fake.host.until(lambda: fake.results[:1] == ["canceled"], what="the goal's end")
+
+
 def test_killed_navigation_gets_goal_again_after_restart(graph_host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from lupin_runtime.mission import goal_runner
 

@@ -8,6 +8,7 @@ import pytest
 
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.layout import Layout
+from lupin_runtime.mission.dependencies import CANCEL_ANSWER_WAIT_S
 from tests.support.mission_rig import Rig
 
 
@@ -20,6 +21,15 @@ def test_boot_waits_for_servers_then_cancels_old_goals(make_rig: type[Rig]) -> N
     rig.step()
     assert rig.state == "READY"
     assert rig.navigation.cancel_all_count == 1
+
+
+def test_boot_waits_for_the_cancels_answer_within_a_bound(make_rig: type[Rig]) -> None:
+    rig = make_rig(ready=False)
+    rig.navigation.answers_cancels = False
+    rig.step(CANCEL_ANSWER_WAIT_S / 2)
+    assert (rig.state, rig.navigation.cancel_all_count) == ("BOOT", 1)
+    rig.step(CANCEL_ANSWER_WAIT_S)
+    assert (rig.state, rig.navigation.cancel_all_count) == ("READY", 1)
 
 
 @pytest.mark.parametrize("required", [False, True])
