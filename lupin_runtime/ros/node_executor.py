@@ -172,7 +172,7 @@ class _Entities:
         for waitable in self._waitables:
             waitable.add_to_wait_set(wait_set)
         for guard in self._guards:
-            if guard._executor_triggered:  # it was seen by rclpy, which has not handled it
+            if guard._executor_triggered:  # rclpy saw it and has not handled it, or a Wake set it
                 guard.trigger()
         wait_set.wait(timeout_ns)
         callbacks: list[Callable[[], object]] = []

@@ -22,6 +22,7 @@ from rclpy.node import Node
 from lupin_runtime.heartbeat import PROCESS_PERIOD_S
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.ros.node_executor import NodeExecutor
+from lupin_runtime.ros.wake import Wake
 
 if TYPE_CHECKING:
     from lupin_runtime.ros.clock import ClockFollower
@@ -45,7 +46,7 @@ class _Spinner:
         self._handled_ns = time.monotonic_ns()  # when the executor last handled an event
         self._woken_ns = 0
         # In its own callback group, because a callback that awaits something keeps its group busy.
-        self._wake = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
+        self._wake = Wake(node, lambda: None, ReentrantCallbackGroup())
         self.thread = threading.Thread(target=self._spin, name=node.get_name(), daemon=True)
 
     def _spin(self) -> None:

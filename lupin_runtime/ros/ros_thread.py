@@ -16,6 +16,8 @@ from typing import Any, TypeVar
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
+from lupin_runtime.ros.wake import Wake
+
 _TURN_S = 0.02  # how long queued functions run before the executor handles other events, such as timers and messages
 
 _Result = TypeVar("_Result")
@@ -28,7 +30,7 @@ class RosThread:
         self._lock = threading.Lock()
         self._work: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         # In its own callback group, because a callback that awaits something keeps its group busy.
-        self._wake = node.create_guard_condition(self._run_some, callback_group=ReentrantCallbackGroup())
+        self._wake = Wake(node, self._run_some, ReentrantCallbackGroup())
 
     def run(self, function: Callable[[], _Result]) -> Future[_Result]:
         """Queue a function; the future gets its result or exception. Wait for it only on another thread, with a timeout."""

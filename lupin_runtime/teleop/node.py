@@ -14,6 +14,7 @@ from lupin_runtime import graph
 from lupin_runtime.drive import ZERO, encode
 from lupin_runtime.json_text import conform, parse_json
 from lupin_runtime.ros import LupinNode, stamp_from_ns
+from lupin_runtime.ros.wake import Wake
 from lupin_runtime.teleop.arm_jogger import AT_REST, ArmJogger
 from lupin_runtime.teleop.connected_pads import DEVICES, SCAN_PERIOD_S, SYSFS, ConnectedPads
 from lupin_runtime.teleop.jog_publisher import JogPublisher
@@ -51,8 +52,7 @@ class PadTeleop(LupinNode):
         self._joy = self.publisher(graph.JOY)
         self.subscription(graph.DRIVE_STATUS, self._on_status)
         self.subscription(graph.ARM_STATUS, self._on_arm_status)
-        wake = self.create_guard_condition(self._on_wake)
-        self._watch = ReadableWatch(wake.trigger)
+        self._watch = ReadableWatch(Wake(self, self._on_wake).trigger)
         # Steady time: a pad's dead-man button does not follow the simulation's clock.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._tick: Timer = self.create_timer(PERIOD_S, self._on_tick, clock=steady)
