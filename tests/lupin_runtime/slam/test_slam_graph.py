@@ -15,6 +15,7 @@ from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaternion
 from lupin_runtime.localization import planar_variances, says_lost
 from lupin_runtime.slam.map_io import load_map, save_map
+from lupin_runtime.slam.session import load_session
 from tests.support.mapping_run import MappingRun
 from tests.support.optional import present
 from tests.support.slam_worlds import Log
@@ -124,7 +125,7 @@ def replay(graph_host: GraphHost, log: Log, roll: float = 0.0) -> Any:
 
     def play(to: int) -> None:
         replayer.end = to
-        graph_host.until(lambda: replayer.at == to, 30.0, f"scan {to}")
+        graph_host.until(lambda: replayer.at == to, what=f"scan {to}")
 
     replayer.play = play
     return replayer
@@ -157,13 +158,11 @@ def call(host: GraphHost, node: Any, row: Service, request: pytest.FixtureReques
     client = node.client(row)
     host.until(client.service_is_ready, what=f"{row.name}'s server")
     future = client.call_async(request)
-    return host.until(lambda: future.done() and future.result(), 15.0, f"{row.name}'s answer")
+    return host.until(lambda: future.done() and future.result(), what=f"{row.name}'s answer")
 
 
 @pytest.mark.usefixtures("slam")
 def test_drive_gives_a_map_and_a_true_transform(graph_host: GraphHost, robot: Any) -> None:
-    from lupin_runtime.ros import LupinNode
-
     robot.play(150)
     graph_host.until(lambda: robot.error_m() < 0.05, what="a true pose")
     message = graph_host.until(lambda: robot.maps and robot.maps[-1], what="a map")
@@ -175,11 +174,20 @@ def test_drive_gives_a_map_and_a_true_transform(graph_host: GraphHost, robot: An
     column, row = (np.array([-0.5, -0.35]) - [message.info.origin.position.x, message.info.origin.position.y]) / 0.05
     assert cells[int(row), int(column)] == 0
     assert message.info.origin.position.x == pytest.approx(-1.0, abs=0.15)
-    late: list[Any] = []
+
+
+def test_late_subscriber_gets_the_latched_map(graph_host: GraphHost, robot: Any) -> None:
+    from lupin_runtime.ros import LupinNode
+
+    mapper(graph_host, robot, {"map_update_interval": 1000.0})
+    robot.play(30)
+    graph_host.until(lambda: robot.maps, what="the map of the first scan")
+    late: list[OccupancyGrid] = []
     listener = LupinNode("late")
     listener.subscription(graph.MAP, late.append)
     graph_host.add(listener)
-    graph_host.until(lambda: late, 0.45, "the latched map, before the next one")
+    graph_host.until(lambda: late, what="the latched map")
+    assert late == robot.maps and len(late) == 1
 
 
 def test_lidar_that_hangs_upside_down_gives_a_true_map(graph_host: GraphHost, hanging_robot: Any) -> None:
@@ -262,7 +270,8 @@ def test_saved_graph_is_loaded_and_a_damaged_one_changes_nothing(
     request = DeserializePoseGraph.Request(filename=str(tmp_path / "house"), match_type=at)
     request.initial_pose.x = 0.5
     call(graph_host, robot, graph.SLAM_DESERIALIZE, request)
-    assert slam._mapper is not before and len(slam._mapper.graph) == len(before.graph)
+    # Scans that were under way when the graph was saved may have been added since, here as in the graph before.
+    assert slam._mapper is not before and len(slam._mapper.graph) >= len(load_session(tmp_path / "house.posegraph").graph) > 1
 
 
 @pytest.mark.usefixtures("slam")
@@ -444,7 +453,7 @@ def test_initial_pose_is_accepted_in_the_map_frame_only(graph_host: GraphHost, r
     robot.play(80)
     assert robot.error_m() > 1.0
     publish_pose(graph.MAP_FRAME, 0.1)
-    graph_host.until(lambda: _played(robot, 1) and robot.error_m() < 0.08, 15.0, "the robot where it was said to be")
+    graph_host.until(lambda: _played(robot, 1) and robot.error_m() < 0.08, what="the robot where it was said to be")
 
 
 def test_amcl_says_that_a_robot_off_its_map_is_lost(graph_host: GraphHost, robot: Any, tmp_path: Path) -> None:
@@ -456,7 +465,7 @@ def test_amcl_says_that_a_robot_off_its_map_is_lost(graph_host: GraphHost, robot
     graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
     robot.play(40)
     graph_host.until(lambda: robot.error_m() < 0.06, what="a true pose")
-    graph_host.until(lambda: _played(robot, 1) and _is_lost(robot), 60.0, "the lost robot")
+    graph_host.until(lambda: _played(robot, 1) and _is_lost(robot), what="the lost robot")
     assert robot.error_m() < 0.2, "the last correction, from before the robot was lost"
     newest = robot.tree.newest_ns(graph.MAP_FRAME, graph.ODOM_FRAME)
     robot.play(robot.at + 50)
@@ -487,7 +496,7 @@ def test_killed_amcl_does_not_forget_that_the_robot_is_lost(graph_host: GraphHos
     graph_host.add(MapServer({"yaml_filename": str(tmp_path / "part.yaml")}))
     first = graph_host.add(AmclNode(parameters))
     graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
-    graph_host.until(lambda: _played(robot, 1) and _is_lost(robot), 60.0, "the lost robot")
+    graph_host.until(lambda: _played(robot, 1) and _is_lost(robot), what="the lost robot")
     _replace(graph_host, robot, first, lambda: AmclNode(parameters))
     graph_host.until(lambda: _played(robot, 1) and robot.poses, what="the first pose")
     assert all(says_lost(planar_variances(pose)) for pose in robot.poses)
@@ -515,7 +524,7 @@ def test_amcl_finds_a_robot_when_the_crowd_around_it_leaves(
     graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
     robot.play(360)
     assert graph_host.until(lambda: _is_lost(robot), what="the lost robot")
-    graph_host.until(lambda: _played(robot, 1) and not _is_lost(robot) and robot.error_m() < 0.06, 30.0, "the found robot")
+    graph_host.until(lambda: _played(robot, 1) and not _is_lost(robot) and robot.error_m() < 0.06, what="the found robot")
 
 
 def _with_crowd(log: Log, surrounded: range, rest: int, scans: int) -> Log:
@@ -546,13 +555,13 @@ def test_map_server_changes_the_map_and_keeps_it_if_unreadable(
     from lupin_runtime.gridmap import GridMap
     from lupin_runtime.slam.node import MapServer
 
-    graph_host.add(MapServer({"yaml_filename": str(saved_map)}))
+    graph_host.add(MapServer({"yaml_filename": str(saved_map), "map_update_interval": 1000.0}))
     save_map(tmp_path / "small room.yaml", GridMap(np.zeros((20, 30), np.int8), 0.05, -1.0, -0.5))
     (tmp_path / "broken.yaml").write_text("image: m.pgm\nresolution: nothing\n")
     url = (tmp_path / "small room.yaml").as_uri()
     response: Any = call(graph_host, robot, graph.MAP_SERVER_LOAD_MAP, LoadMap.Request(map_url=url))
     assert (response.result, response.map.info.width) == (LoadMap.Response.RESULT_SUCCESS, 30)
-    graph_host.until(lambda: robot.maps and robot.maps[-1].info.width == 30, 4.0, "the new map, before it is repeated")
+    graph_host.until(lambda: robot.maps and robot.maps[-1].info.width == 30, what="the new map")
     for name, result in (
         (str(tmp_path / "absent.yaml"), LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
         ("package://maps/house.yaml", LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
