@@ -68,7 +68,7 @@ def ask(graph_host: GraphHost, servos: Any, monkeypatch: pytest.MonkeyPatch) -> 
         request: pytest.FixtureRequest, row: Service = graph.ARM_CALIBRATE
     ) -> CalibrateArm_Response | SetArmPreset_Response | SetBool_Response:
         future = clients[row].call_async(CalibrateArm.Request(action=request) if isinstance(request, str) else request)
-        graph_host.until(future.done, timeout_s=20.0, what="the answer")
+        graph_host.until(future.done, what="the answer")
         return future.result()
 
     return call

@@ -480,9 +480,9 @@ def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: 
 def test_event_loop_that_hangs_ends_the_node(graph_host: GraphHost, tmp_path: Path) -> None:
     node = serve(graph_host, tmp_path)
     release = threading.Event()
-    node._server._loop.call_soon_threadsafe(release.wait, 20.0)
+    node._server._loop.call_soon_threadsafe(release.wait, 100.0)
     with pytest.raises(RuntimeError, match="event loop has not responded for 3 s"):
-        graph_host.until(lambda: False, timeout_s=15.0)
+        graph_host.until(lambda: False, what="the node's end")
     graph_host._errors.clear()
     release.set()
     node.before_shutdown()

@@ -281,7 +281,7 @@ def test_call_to_hanging_node_times_out(rig: Rig, monkeypatch: pytest.MonkeyPatc
         assert "call /hanging/set_parameters again later" in responses[0]["reason"]
         rig.call("topics")
         assert len(responses) == 1  # the calls to the hanging node are still waiting
-        rig.host.until(lambda: len(responses) == 4, timeout_s=10.0)
+        rig.host.until(lambda: len(responses) == 4, what="the answers")
         timed_out = {"value": "3", "successful": False, "reason": "Timeout occurred"}
         assert responses[1:] == [timed_out, timed_out, {"exists": False}]
         assert "/far/peer:speed" in rig.call("get_param_names")["names"]

@@ -245,7 +245,7 @@ def test_exploration_runs_from_start_to_done(graph_host: Any) -> None:
 def test_state_is_published_periodically(graph_host: Any) -> None:
     fake = FakeGraph(graph_host)
     seen = len(fake.states)
-    fake.host.until(lambda: len(fake.states) >= seen + 5, 5.0, "five repeats while nothing happens")
+    fake.host.until(lambda: len(fake.states) >= seen + 5, what="five repeats while nothing happens")
     assert {s.lifecycle_state for s in fake.states[seen:]} == {"READY"}
     assert fake.states[-1].started_at.sec == 0 and fake.states[-1].battery_percentage == 1.0
 

@@ -175,7 +175,7 @@ class Pilot:
         return self.host.until(lambda: future.done() and future.result(), what="the goal's answer")
 
     def result(
-        self, handle: Any, timeout_s: float = 40.0
+        self, handle: Any
     ) -> (
         ComputePathToPose_GetResult_Response
         | FollowWaypoints_GetResult_Response
@@ -183,7 +183,7 @@ class Pilot:
         | NavigateToPose_GetResult_Response
     ):
         future = self.host.within(self.node, handle.get_result_async)
-        return self.host.until(lambda: future.done() and future.result(), timeout_s, "the goal's end")
+        return self.host.until(lambda: future.done() and future.result(), what="the goal's end")
 
     def driving(self) -> bool:
         return math.hypot(*self.robot.base.velocity[:2]) > 0.2

@@ -53,7 +53,7 @@ def test_calls_of_a_whole_session_succeed_in_their_order(pilot: Any) -> None:
     pilot.node.subscription(graph.GOAL_MARKERS, markers.append)
     handle = pilot.send(pilot.goal(3.2, 2.0))
     assert handle.accepted
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     shown = pilot.host.until(lambda: markers and markers[-1].markers, what="the goal's marker")
     assert [marker.pose.position.x for marker in shown[1:]] == [3.2]  # the first one deletes those of the goal before
     assert pilot.host.until(lambda: pilot.feedback and pilot.feedback[-1].distance_remaining > 0.0)
@@ -67,7 +67,7 @@ def test_calls_of_a_whole_session_succeed_in_their_order(pilot: Any) -> None:
 
 def test_costmap_requests_do_not_stop_a_drive(pilot: Any) -> None:
     handle = pilot.send(pilot.goal(3.2, 2.0))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     client = pilot.node.client(graph.GET_GLOBAL_COSTMAP)
     pilot.host.until(client.service_is_ready)
     answers = [client.call_async(client.srv_type.Request()) for _ in range(5)]
@@ -130,11 +130,11 @@ def test_waypoint_in_a_bench_ends_the_goal_and_is_named(pilot: Any) -> None:
 @pytest.mark.usefixtures("follower")
 def test_cancelled_waypoints_stop_the_robot(pilot: Any) -> None:
     handle = waypoints(pilot, (3.2, 2.0), (0.6, 0.6))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     future = pilot.host.within(pilot.node, handle.cancel_goal_async)
     pilot.host.until(future.done)
     assert pilot.result(handle).status == CANCELED
-    pilot.host.until(pilot.at_rest, 2)
+    pilot.host.until(pilot.at_rest, what="rest")
     assert pilot.ends_with_zero()
 
 
@@ -144,23 +144,23 @@ def test_goal_cancelled_at_once_stops_the_goal_it_replaced(pilot: Any, monkeypat
     monkeypatch.setattr(waypoint_follower, "_PERIOD_S", 0.5)  # so that the cancellation comes before the first waypoint
     pilot.host.add(waypoint_follower.WaypointFollower())
     waypoints(pilot, (3.2, 2.0), (0.6, 0.6))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     handle = waypoints(pilot, (1.2, 0.6))
     future = pilot.host.within(pilot.node, handle.cancel_goal_async)
     pilot.host.until(future.done)
     assert pilot.result(handle).status == CANCELED
-    pilot.host.until(pilot.at_rest, 2)
+    pilot.host.until(pilot.at_rest, what="rest")
     assert pilot.ends_with_zero()
 
 
 def test_waypoints_are_cancelled_if_an_acceptance_was_lost(pilot: Any, follower: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     lose_goal_answers(monkeypatch, follower._client)
     handle = waypoints(pilot, (3.2, 2.0))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     future = pilot.host.within(pilot.node, handle.cancel_goal_async)
     pilot.host.until(future.done)
     assert pilot.result(handle).status == CANCELED
-    pilot.host.until(pilot.at_rest, 2)
+    pilot.host.until(pilot.at_rest, what="rest")
     assert pilot.ends_with_zero()
 
 
@@ -173,21 +173,21 @@ def test_estop_between_waypoints_ends_them_for_good(pilot: Any) -> None:
     arrivals: list[Any] = []
     pilot.node.subscription(graph.GOAL_MARKERS, arrivals.append)
     handle = waypoints(pilot, (1.0, 0.6), (3.2, 2.0))
-    pilot.host.until(lambda: arrivals and len(arrivals[-1].markers) == 2, 20, "the first waypoint as goal")
-    pilot.host.until(lambda: len(arrivals[-1].markers) == 1, 20, "the pause after the first waypoint")
+    pilot.host.until(lambda: arrivals and len(arrivals[-1].markers) == 2, what="the first waypoint as goal")
+    pilot.host.until(lambda: len(arrivals[-1].markers) == 1, what="the pause after the first waypoint")
     stop.publish(Bool(data=True))
     answer = pilot.result(handle)
     assert answer.status == ABORTED and answer.result.error_msg.startswith("e-stop engaged")
     at, steps = pilot.robot.base.truth, pilot.robot.steps
     pilot.node.create_timer(0.1, lambda: stop.publish(Bool(data=False)))
-    pilot.host.until(lambda: pilot.robot.steps > steps + int(8.0 / pilot.robot.step_s), 20, "twice the pause")
+    pilot.host.until(lambda: pilot.robot.steps > steps + int(8.0 / pilot.robot.step_s), what="twice the pause")
     assert pilot.robot.base.truth.distance_to(at) < 0.01
 
 
 @pytest.mark.usefixtures("follower")
 def test_another_clients_goal_ends_the_waypoints(pilot: Any) -> None:
     handle = waypoints(pilot, (3.2, 2.0), (0.6, 0.6))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     other = pilot.send(pilot.goal(1.2, 0.6))
     answer = pilot.result(handle)
     assert answer.status == ABORTED and "newer goal" in answer.result.error_msg

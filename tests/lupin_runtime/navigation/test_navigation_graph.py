@@ -38,20 +38,20 @@ def test_cancelling_all_goals_stops_the_robot(pilot: Any) -> None:
     from action_msgs.srv import CancelGoal
 
     handle = pilot.send(pilot.goal(3.2, 2.0))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     cancel = pilot.node.create_client(CancelGoal, "/navigate_to_pose/_action/cancel_goal")
     pilot.host.until(cancel.service_is_ready)
     future = cancel.call_async(CancelGoal.Request())  # the all-zero UUID and stamp mean every goal
     pilot.host.until(future.done)
     assert len(future.result().goals_canceling) == 1
     assert pilot.result(handle).status == CANCELED
-    pilot.host.until(pilot.at_rest, 2)
+    pilot.host.until(pilot.at_rest, what="rest")
     assert pilot.ends_with_zero()
 
 
 def test_new_goal_aborts_the_old_one(pilot: Any) -> None:
     first = pilot.send(pilot.goal(3.2, 2.0))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     second = pilot.send(pilot.goal(0.6, 0.6))
     answer = pilot.result(first)
     assert answer.status == ABORTED
@@ -64,7 +64,7 @@ def test_new_goal_aborts_the_old_one(pilot: Any) -> None:
 def test_goal_in_a_bench_aborts_before_the_robot_moves(pilot: Any) -> None:
     from nav2_msgs.action import ComputePathToPose
 
-    answer = pilot.result(pilot.send(pilot.goal(2.0, 2.2)), 8.0)
+    answer = pilot.result(pilot.send(pilot.goal(2.0, 2.2)))
     assert answer.status == ABORTED
     assert answer.result.error_code == ComputePathToPose.Result.GOAL_OCCUPIED
     assert "from an obstacle" in answer.result.error_msg
@@ -76,7 +76,7 @@ def test_goals_that_are_no_map_poses_are_aborted_with_reason(pilot: Any, x: floa
     from nav2_msgs.action import ComputePathToPose
 
     driving = pilot.send(pilot.goal(3.2, 2.0))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     goal = pilot.goal(1.0, 1.0, 0.0, frame)
     goal.pose.pose.position.x = x
     if not math.isfinite(yaw):
@@ -100,9 +100,10 @@ def test_goal_in_the_robot_frame_is_transformed(pilot: Any) -> None:
 @pytest.mark.parametrize("mode", ["frozen", "nan", "zero", "silent"])
 def test_blind_lidar_stops_the_robot_until_it_recovers(pilot: Any, mode: str) -> None:
     handle = pilot.send(pilot.goal(3.2, 2.0))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     pilot.robot.scan_mode = mode
-    pilot.host.until(lambda: pilot.at_rest() and pilot.ends_with_zero(), 4, f"a halt under a {mode} scan")
+    pilot.host.until(lambda: pilot.at_rest() and pilot.ends_with_zero(), what=f"a halt under a {mode} scan")
+    assert pilot.robot.base.truth.distance_to(Pose2(3.2, 2.0)) > 0.5, "it halts on its way"
     pilot.robot.scan_mode = "good"
     assert pilot.result(handle).status == SUCCEEDED
 
@@ -114,9 +115,10 @@ def test_lidar_that_hangs_upside_down_keeps_off_walls(pilot: Any) -> None:
 
 def test_tilted_lidar_stops_the_robot_and_is_named(pilot: Any) -> None:
     handle = pilot.send(pilot.goal(3.2, 2.0))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     pilot.robot.mount_lidar(math.radians(30.0))
-    pilot.host.until(lambda: pilot.at_rest() and pilot.ends_with_zero(), 4, "a halt under a tilted lidar")
+    pilot.host.until(lambda: pilot.at_rest() and pilot.ends_with_zero(), what="a halt under a tilted lidar")
+    assert pilot.robot.base.truth.distance_to(Pose2(3.2, 2.0)) > 0.5, "it halts on its way"
     assert "'laser' is tilted by 30 degrees" in pilot.navigator._robot_state.lidar_fault()
     pilot.robot.mount_lidar(0.0)
     assert pilot.result(handle).status == SUCCEEDED
@@ -136,10 +138,10 @@ def test_estop_aborts_goals_and_its_release_starts_nothing(pilot: Any, action: A
         return to_pose if action is graph.NAVIGATE_TO_POSE else NavigateThroughPoses.Goal(poses=[to_pose.pose])
 
     driving = pilot.send(goal(3.2, 2.0), client)
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     stop.publish(Bool(data=True))
     first = pilot.result(driving)
-    pilot.host.until(lambda: max(map(abs, pilot.robot.base.velocity)) < 1e-6 and pilot.ends_with_zero(), 5)
+    pilot.host.until(lambda: max(map(abs, pilot.robot.base.velocity)) < 1e-6 and pilot.ends_with_zero(), what="rest")
     new = pilot.result(pilot.send(goal(0.6, 0.6), client))
     click.publish(pilot.goal(3.2, 2.0).pose)
     for answer in (first, new):
@@ -179,7 +181,7 @@ def test_goal_waits_until_the_estop_is_known(pilot: Any, engaged_s_ago: float | 
 @pytest.mark.parametrize("jump_s", [-5.0, 60.0])
 def test_clock_jump_delays_the_goal_only_briefly(pilot: Any, jump_s: float) -> None:
     handle = pilot.send(pilot.goal(3.2, 2.0))
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     pilot.robot.time_ns = max(1, pilot.robot.time_ns + int(jump_s * 1e9))
     assert pilot.result(handle).status == SUCCEEDED
     assert pilot.robot.base.truth.distance_to(Pose2(3.2, 2.0)) < 0.25
@@ -191,13 +193,13 @@ def test_goal_pose_topic_is_driven_and_can_be_cancelled(pilot: Any) -> None:
     click = pilot.node.publisher(graph.GOAL_POSE)
     pilot.host.until(lambda: click.get_subscription_count() > 0)
     click.publish(pilot.goal(3.2, 2.0).pose)
-    pilot.host.until(pilot.driving, 20)
+    pilot.host.until(pilot.driving, what="motion")
     cancel = pilot.node.create_client(CancelGoal, "/navigate_to_pose/_action/cancel_goal")
     pilot.host.until(cancel.service_is_ready)
     future = cancel.call_async(CancelGoal.Request())
     pilot.host.until(future.done)
     assert len(future.result().goals_canceling) == 1
-    pilot.host.until(pilot.at_rest, 2)
+    pilot.host.until(pilot.at_rest, what="rest")
 
 
 def test_navigate_through_poses_passes_and_counts_them(pilot: Any) -> None:
