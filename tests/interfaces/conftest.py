@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from tests.support.paths import ROOT
+from tests.support.waiting import WAIT_S
 
 PEER = ROOT / "tests/support/ros_peer.py"
 
@@ -37,7 +38,7 @@ def start_peer() -> Iterator[StartPeer]:
         process.send_signal(signal.SIGTERM)
     for process in started:
         try:
-            assert process.wait(10) == 0
+            assert process.wait(WAIT_S) == 0
         except subprocess.TimeoutExpired:
             process.kill()
             raise

@@ -120,7 +120,7 @@ def test_timers_run_on_simulated_time_under_clock(monkeypatch: pytest.MonkeyPatc
         wait_until(hurry, "the timer", interval_s=0.01)
     finally:
         executor.shutdown(timeout_sec=2.0)
-        thread.join(2.0)
+        thread.join()
         follower.stop()
         node.destroy_node()
         source.destroy_node()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_runtime import graph
-from tests.support.waiting import wait_for_nothing, wait_until
+from tests.support.waiting import WAIT_S, wait_for_nothing, wait_until
 
 if TYPE_CHECKING:
     from lupin_runtime.ros import LupinNode
@@ -44,18 +44,18 @@ class Spun:
     def close(self) -> None:
         self._stopping.set()
         self.executor.shutdown(timeout_sec=2.0)
-        self._thread.join(5.0)
+        self._thread.join(WAIT_S)
         assert not self._thread.is_alive()
         self.node.destroy_node()
 
-    def wait_until(self, condition: Callable[[], object], what: str, interval_s: float = 0.001) -> None:
+    def wait_until(self, condition: Callable[[], object], what: str) -> None:
         """Wait until `condition()` is true; raise the error that ended the spinning."""
 
         def check() -> None:
             if self.error is not None:
                 raise self.error
 
-        wait_until(condition, what, interval_s=interval_s, each=check)
+        wait_until(condition, what, interval_s=0.001, each=check)
 
 
 @pytest.fixture

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.support.waiting import WAIT_S
+
 if TYPE_CHECKING:
     from tests.conftest import GraphHost
 
@@ -71,13 +73,13 @@ def test_nodes_follow_clock_and_call_before_shutdown() -> None:
     assert process.stdout is not None
     assert process.stdout.readline().split() == ["five", "simulated", "seconds", "True", "True"]
     process.send_signal(signal.SIGTERM)
-    out, err = process.communicate(timeout=10)
+    out, err = process.communicate(timeout=WAIT_S)
     assert (out.strip(), process.returncode) == ("last words", 0), err
 
 
 def test_callback_exception_exits_with_a_traceback() -> None:
     process = start(fail=True)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=WAIT_S)
     assert process.returncode == 1
     assert "RuntimeError: a defect" in err
 
@@ -107,7 +109,7 @@ def test_terminated_process_leaves_the_graph_at_once(graph_host: GraphHost) -> N
     process = subprocess.Popen([sys.executable, "-c", ONE_NODE])
     graph_host.until(lambda: "terminated" in observer.get_node_names(), what="the node")
     process.send_signal(signal.SIGTERM)
-    assert process.wait(10) == 0
+    assert process.wait(WAIT_S) == 0
     # A process that exits without leaving the graph stays visible until its DDS lease of 20 s expires.
     graph_host.until(lambda: "terminated" not in observer.get_node_names(), 10.0, "the node's disappearance")
 

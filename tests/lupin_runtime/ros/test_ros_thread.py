@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.support.waiting import WAIT_S
+
 if TYPE_CHECKING:
     from tests.conftest import GraphHost
 
@@ -50,7 +52,7 @@ def test_work_queued_by_many_threads_is_done(graph_host: GraphHost) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert ros.run(lambda: "last").result(20.0) == "last"
+    assert ros.run(lambda: "last").result(WAIT_S) == "last"
 
 
 def test_exception_is_reported_to_the_caller(graph_host: GraphHost) -> None:
@@ -59,5 +61,5 @@ def test_exception_is_reported_to_the_caller(graph_host: GraphHost) -> None:
 
     ros = RosThread(graph_host.add(LupinNode("worker")))
     with pytest.raises(ZeroDivisionError):
-        ros.run(lambda: 1 / 0).result(20.0)
-    assert ros.run(lambda: 1).result(20.0) == 1
+        ros.run(lambda: 1 / 0).result(WAIT_S)
+    assert ros.run(lambda: 1).result(WAIT_S) == 1

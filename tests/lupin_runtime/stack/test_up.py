@@ -17,7 +17,7 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.support.waiting import wait_for_nothing
+from tests.support.waiting import WAIT_S, wait_for_nothing
 
 pytestmark = [pytest.mark.sim, pytest.mark.graph, pytest.mark.xdist_group("stack")]
 
@@ -69,7 +69,7 @@ def test_two_runs_have_separate_graphs(up: Callable[..., Any]) -> None:
     assert ambiguous.returncode == 3 and "--run" in ambiguous.stderr
     assert first.lupin("down", "--all").returncode == 0
     for run in (first, second):
-        assert run.process.wait(10) == 130, run.process.communicate()
+        assert run.process.wait(WAIT_S) == 130, run.process.communicate()
 
 
 @pytest.mark.long
@@ -81,7 +81,7 @@ def test_full_dev_shm_does_not_stop_a_run(up: Callable[..., Any]) -> None:
     full = Path(f"/proc/{run.process.pid}/root/dev/shm/full").stat()
     assert full.st_size == 64 * 1024
     run.process.send_signal(signal.SIGINT)
-    assert run.process.wait(30) == 130
+    assert run.process.wait(WAIT_S) == 130
 
 
 @pytest.mark.long
@@ -176,7 +176,7 @@ def test_hung_supervisor_is_named_by_status_and_stopped_by_down(launch: Callable
     assert run.lupin("status").returncode == 1
     down = run.lupin("down")
     assert down.returncode == 0, down.stdout + down.stderr
-    run.process.wait(10)
+    run.process.wait(WAIT_S)
     assert gone(children)
 
 
