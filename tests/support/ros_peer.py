@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import signal
 import sys
-import time
 
 import rclpy
 from rclpy.action import ActionServer
@@ -16,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 LATCHED = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -52,14 +52,23 @@ def serve(node: Node) -> None:
 
 
 def act(node: Node) -> None:
-    """Let every NavigateToPose goal succeed, after two feedback messages."""
+    """Let every NavigateToPose goal succeed, after two feedback messages whose receipt the client has confirmed.
+
+    rclpy's client drops feedback that it receives after the goal's last status.
+    """
     from nav2_msgs.action import NavigateToPose
+    from std_msgs.msg import Float32
+
+    confirmed = {2.0: Future(), 1.0: Future()}
+    node.create_subscription(Float32, "feedback_received", lambda message: confirmed[message.data].set_result(None), LATCHED)
 
     async def navigate(goal_handle: ServerGoalHandle) -> NavigateToPose.Result:
-        for distance in (2.0, 1.0):
+        for distance, confirmation in confirmed.items():
             feedback = NavigateToPose.Feedback(distance_remaining=distance, current_pose=goal_handle.request.pose)
-            goal_handle.publish_feedback(feedback)
-            time.sleep(0.3)  # rclpy's client drops feedback that it receives after the goal's last status
+            # The client may not be discovered yet, although it has discovered this server.
+            repeating = node.create_timer(0.1, lambda feedback=feedback: goal_handle.publish_feedback(feedback))
+            await confirmation
+            node.destroy_timer(repeating)
         goal_handle.succeed()
         return NavigateToPose.Result(error_code=NavigateToPose.Result.NONE, error_msg=goal_handle.request.behavior_tree)
 

@@ -236,6 +236,7 @@ def test_relative_goals_start_at_the_pose_on_the_map(graph_host: GraphHost, robo
     done = voice.confirm("nav_forward", forward_m=1.0, lateral_m=0.5)
     assert done["ok"] and done["from"] == {"x": 1.0, "y": 2.0, "yaw": 1.5708}
     assert done["goal"] == pytest.approx({"x": 0.5, "y": 3.0, "yaw": 1.5708}, abs=1e-3)
+    graph_host.until(lambda: robot.goals, what="the goal")  # of which the next one takes the place
     done = voice.confirm("rotate", angle_deg=-90)
     assert done["to_yaw"] == pytest.approx(0.0, abs=1e-3)
     graph_host.until(lambda: len(robot.goals) == 2, what="the goals")
