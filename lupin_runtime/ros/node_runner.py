@@ -75,12 +75,18 @@ class _Spinner:
         return now_ns
 
     def stop(self) -> None:
+        """End the thread, within STOP_GRACE_S, and then the executor.
+
+        rclpy's shutdown destroys what a running callback still needs; it does not wait for the thread. The interpreter aborts
+        (status 134) if it exits while that thread is still in a wait set.
+        """
         self._stopping = True
-        self._executor.shutdown(timeout_sec=STOP_GRACE_S)
-        if self.thread.is_alive():
-            # The shutdown of an executor does not wait for the thread inside it, and the interpreter aborts (status 134)
-            # if it exits while that thread is still in a wait set.
-            self.thread.join(STOP_GRACE_S)
+        deadline = time.monotonic() + STOP_GRACE_S
+        while self.thread.is_alive() and time.monotonic() < deadline:
+            self._executor.wake()
+            self.thread.join(0.1)
+        if not self.thread.is_alive():
+            self._executor.shutdown()
 
     def destroy_node(self) -> None:
         """Destroy the node, which else stays visible until its DDS lease of 20 s expires. Call it once all spinners stopped."""

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from lupin_runtime import graph
 from lupin_runtime.record.reader import Recording
 from tests.support.optional import present
 from tests.support.rosbag2_folders import write_split
-from tests.support.waiting import wait_for_nothing
+from tests.support.waiting import WAIT_S, wait_for_nothing, wait_until
 
 if TYPE_CHECKING:
     from geometry_msgs.msg import Twist
@@ -27,11 +26,9 @@ if TYPE_CHECKING:
     from std_msgs.msg import Bool
 
     from lupin_runtime.graph import Topic
-    from tests.lupin_runtime.record.conftest import Spinning
+    from tests.conftest import GraphHost
 
 pytestmark = pytest.mark.graph
-
-STOPS_WITHIN_S = 15.0
 
 
 def count(path: Path, topic: str) -> int:
@@ -59,16 +56,16 @@ def messages() -> dict[Topic, Twist | OccupancyGrid | Bool]:
     return {graph.CMD_VEL_SINK_SIM: twist, graph.MAP: grid, graph.ESTOP_STATE: Bool(data=True)}
 
 
-def test_recorder_records_topics_of_every_qos(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
+def test_recorder_records_topics_of_every_qos(graph_host: GraphHost, tmp_path: Path) -> None:
     from lupin_runtime.record.node import Recorder
     from lupin_runtime.ros import LupinNode
 
-    source = spinning.add(LupinNode("source"))
+    source = graph_host.add(LupinNode("source"))
     publishers = {row: source.publisher(row) for row in messages()}
     publishers[graph.MAP].publish(messages()[graph.MAP])  # latched, before the recorder starts
-    recorder = spinning.add(Recorder({"output": str(tmp_path / "r.mcap")}))
+    recorder = graph_host.add(Recorder({"output": str(tmp_path / "r.mcap")}))
     moving = (graph.CMD_VEL_SINK_SIM, graph.ESTOP_STATE)
-    until(lambda: all(publishers[row].get_subscription_count() for row in publishers), "the recorder listens")
+    wait_until(lambda: all(publishers[row].get_subscription_count() for row in publishers), "the recorder listens")
     for _ in range(50):
         for row in moving:
             publishers[row].publish(messages()[row])
@@ -83,24 +80,28 @@ def test_recorder_records_topics_of_every_qos(spinning: Spinning, until: partial
     assert recording.damage == []
 
 
-def test_recorded_times_are_ros_time_in_arrival_order(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
+def test_recorded_times_are_ros_time_in_arrival_order(graph_host: GraphHost, tmp_path: Path) -> None:
     from std_msgs.msg import Bool
 
     from lupin_runtime.record.node import Recorder
     from lupin_runtime.ros import LupinNode
 
-    source = spinning.add(LupinNode("source"))
+    source = graph_host.add(LupinNode("source"))
     stop, hmi = source.publisher(graph.ESTOP_STATE), source.publisher(graph.HMI_ESTOP)
-    recorder = spinning.add(Recorder({"output": str(tmp_path / "r.mcap")}))
-    until(lambda: stop.get_subscription_count() and hmi.get_subscription_count(), "the recorder listens")
+    recorder = graph_host.add(Recorder({"output": str(tmp_path / "r.mcap")}))
+    wait_until(lambda: stop.get_subscription_count() and hmi.get_subscription_count(), "the recorder listens")
     entries = {entry.row.topic: entry for entry in recorder._recorded}
     sent = []
-    for i in range(20):
-        publisher, entry = (stop, entries[graph.ESTOP_STATE]) if i % 2 else (hmi, entries[graph.HMI_ESTOP])
+
+    def send(publisher: Any, entry: Any) -> None:
         taken_ns = entry.kept_ns
         sent.append(time.time_ns())
         publisher.publish(Bool())
-        until(lambda entry=entry, taken_ns=taken_ns: entry.kept_ns != taken_ns, "the message")
+        wait_until(lambda: entry.kept_ns != taken_ns, "the message")
+
+    for _ in range(10):
+        send(hmi, entries[graph.HMI_ESTOP])
+        send(stop, entries[graph.ESTOP_STATE])
     recorder.before_shutdown()
     read = list(Recording(tmp_path / "r.mcap").raw({graph.ESTOP_STATE.name, graph.HMI_ESTOP.name}))
     assert [m.topic for m in read] == [graph.HMI_ESTOP.name, graph.ESTOP_STATE.name] * 10
@@ -109,7 +110,7 @@ def test_recorded_times_are_ros_time_in_arrival_order(spinning: Spinning, until:
 
 
 def test_limited_topic_is_recorded_after_the_clock_steps_back(
-    spinning: Spinning, until: partial[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from std_msgs.msg import Bool
 
@@ -117,23 +118,23 @@ def test_limited_topic_is_recorded_after_the_clock_steps_back(
     from lupin_runtime.record.recorded_topics import Recorded
     from lupin_runtime.ros import LupinNode
 
-    source = spinning.add(LupinNode("source"))
+    source = graph_host.add(LupinNode("source"))
     stop = source.publisher(graph.ESTOP_STATE)
     monkeypatch.setattr(node, "STANDARD", (Recorded(graph.ESTOP_STATE, max_rate_hz=20.0),))
-    recorder = spinning.add(node.Recorder({"output": str(tmp_path / "r.mcap")}))
-    until(stop.get_subscription_count, "the recorder listens")
+    recorder = graph_host.add(node.Recorder({"output": str(tmp_path / "r.mcap")}))
+    wait_until(stop.get_subscription_count, "the recorder listens")
     entry = next(entry for entry in recorder._recorded if entry.row.topic is graph.ESTOP_STATE)
     stop.publish(Bool())
-    until(lambda: entry.channel is not None, "the first message")
+    wait_until(lambda: entry.channel is not None, "the first message")
     wall_ns, first_ns = time.time_ns, entry.kept_ns
     monkeypatch.setattr(time, "time_ns", lambda: wall_ns() - 3600 * 10**9)
     stop.publish(Bool())
-    until(lambda: entry.kept_ns != first_ns, "the second message")
+    wait_until(lambda: entry.kept_ns != first_ns, "the second message")
     recorder.before_shutdown()
     assert count(tmp_path / "r.mcap", graph.ESTOP_STATE.name) == 2
 
 
-def test_gripper_camera_is_recorded_only_while_scanning(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
+def test_gripper_camera_is_recorded_only_while_scanning(graph_host: GraphHost, tmp_path: Path) -> None:
     from lupin_msgs.msg import MissionState
     from sensor_msgs.msg import CompressedImage
 
@@ -141,39 +142,39 @@ def test_gripper_camera_is_recorded_only_while_scanning(spinning: Spinning, unti
     from lupin_runtime.record.recorded_topics import GRIPPER_CAMERA
     from lupin_runtime.ros import LupinNode
 
-    source = spinning.add(LupinNode("source"))
+    source = graph_host.add(LupinNode("source"))
     state, camera = source.publisher(graph.MISSION_STATE), source.publisher(GRIPPER_CAMERA)
-    recorder = spinning.add(Recorder({"output": str(tmp_path / "r.mcap"), "gripper_images_hz": 20.0}))
-    until(lambda: state.get_subscription_count(), "the recorder follows the mission")
+    recorder = graph_host.add(Recorder({"output": str(tmp_path / "r.mcap"), "gripper_images_hz": 20.0}))
+    wait_until(lambda: state.get_subscription_count(), "the recorder follows the mission")
     assert camera.get_subscription_count() == 0
     state.publish(MissionState(lifecycle_state="MONITORING", mission_phase="SCANNING"))
-    until(lambda: camera.get_subscription_count(), "the camera is recorded while scanning")
+    wait_until(lambda: camera.get_subscription_count(), "the camera is recorded while scanning")
     entry = next(entry for entry in recorder._recorded if entry.row.topic is GRIPPER_CAMERA)
     camera.publish(CompressedImage(format="jpeg", data=[1, 2, 3]))
-    until(lambda: entry.channel is not None, "the image")
+    wait_until(lambda: entry.channel is not None, "the image")
     state.publish(MissionState(lifecycle_state="MONITORING", mission_phase="NAVIGATING"))
-    until(lambda: not camera.get_subscription_count(), "the camera is left alone while driving")
+    wait_until(lambda: not camera.get_subscription_count(), "the camera is left alone while driving")
     recorder.before_shutdown()
     assert count(tmp_path / "r.mcap", GRIPPER_CAMERA.name) == 1
 
 
-def test_killed_recorder_loses_at_most_two_seconds(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
+def test_killed_recorder_loses_at_most_two_seconds(graph_host: GraphHost, tmp_path: Path) -> None:
     from geometry_msgs.msg import Twist
 
     from lupin_runtime.ros import LupinNode
 
-    source = spinning.add(LupinNode("source"))
+    source = graph_host.add(LupinNode("source"))
     publisher = source.publisher(graph.CMD_VEL_NAV)
     path = tmp_path / "r.mcap"
     process = run_recorder(path, body_images="off")
     try:
-        until(lambda: publisher.get_subscription_count(), "the recorder listens")
+        wait_until(lambda: publisher.get_subscription_count(), "the recorder listens")
         sent = []
         source.create_timer(0.02, lambda: (publisher.publish(Twist()), sent.append(time.monotonic())))  # type: ignore[func-returns-value]
-        until(lambda: len(sent) >= 250, "five seconds of messages")
+        wait_until(lambda: len(sent) >= 250, "five seconds of messages")
         process.send_signal(signal.SIGKILL)
         killed = time.monotonic()
-        process.wait(STOPS_WITHIN_S)
+        process.wait(WAIT_S)
     finally:
         process.kill()
         present(process.stderr).close()
@@ -183,12 +184,12 @@ def test_killed_recorder_loses_at_most_two_seconds(spinning: Spinning, until: pa
     assert "killed" in recording.damage[0]
 
 
-def test_full_disk_stops_the_recording_not_the_process(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
+def test_full_disk_stops_the_recording_not_the_process(graph_host: GraphHost, tmp_path: Path) -> None:
     from std_msgs.msg import String
 
     from lupin_runtime.ros import LupinNode
 
-    source = spinning.add(LupinNode("source"))
+    source = graph_host.add(LupinNode("source"))
     publisher = source.publisher(graph.TAG_DETECTIONS)
     path = tmp_path / "r.mcap"
     code = f"import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, {resource.RLIM_INFINITY}));"
@@ -198,14 +199,14 @@ def test_full_disk_stops_the_recording_not_the_process(spinning: Spinning, until
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(path)], stderr=subprocess.PIPE, text=True)
     try:
-        until(lambda: publisher.get_subscription_count(), "the recorder listens")
+        wait_until(lambda: publisher.get_subscription_count(), "the recorder listens")
         # Noise, which cannot be compressed.
         source.create_timer(0.02, lambda: publisher.publish(String(data=os.urandom(2000).hex())))
-        until(lambda: not publisher.get_subscription_count(), "the recorder lets its topics go")
+        wait_until(lambda: not publisher.get_subscription_count(), "the recorder lets its topics go")
         wait_for_nothing(0.5, "the end of the process")
         assert process.poll() is None
         process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=STOPS_WITHIN_S)
+        _, said = process.communicate(timeout=WAIT_S)
     finally:
         process.kill()
     assert process.returncode == 0
@@ -215,33 +216,33 @@ def test_full_disk_stops_the_recording_not_the_process(spinning: Spinning, until
     assert Recording(path).summary().messages >= 0
 
 
-def test_recording_ends_complete_at_its_size_limit(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
+def test_recording_ends_complete_at_its_size_limit(graph_host: GraphHost, tmp_path: Path) -> None:
     from std_msgs.msg import String
 
     from lupin_runtime.record.node import Recorder
     from lupin_runtime.ros import LupinNode
 
-    source = spinning.add(LupinNode("source"))
+    source = graph_host.add(LupinNode("source"))
     publisher = source.publisher(graph.TAG_DETECTIONS)
     parameters = {"output": str(tmp_path / "r.mcap"), "topics": graph.TAG_DETECTIONS.name, "max_size_mb": 0.03}
-    spinning.add(Recorder(parameters))
-    until(lambda: publisher.get_subscription_count(), "the recorder listens")
+    graph_host.add(Recorder(parameters))
+    wait_until(lambda: publisher.get_subscription_count(), "the recorder listens")
     source.create_timer(0.02, lambda: publisher.publish(String(data=os.urandom(2000).hex())))
-    until(lambda: not publisher.get_subscription_count(), "the recorder stops at its limit")
-    until(lambda: Recording(tmp_path / "r.mcap").summary().damage == [], "the file has its end")
+    wait_until(lambda: not publisher.get_subscription_count(), "the recorder stops at its limit")
+    wait_until(lambda: Recording(tmp_path / "r.mcap").summary().damage == [], "the file has its end")
     assert Recording(tmp_path / "r.mcap").summary().messages > 5
 
 
-def test_unwritable_folder_leaves_the_recorder_running(spinning: Spinning, tmp_path: Path) -> None:
+def test_unwritable_folder_leaves_the_recorder_running(graph_host: GraphHost, tmp_path: Path) -> None:
     from lupin_runtime.record.node import Recorder
 
     (tmp_path / "file").write_text("in the way")
-    recorder = spinning.add(Recorder({"output": str(tmp_path / "file" / "r.mcap")}))
+    recorder = graph_host.add(Recorder({"output": str(tmp_path / "file" / "r.mcap")}))
     recorder.before_shutdown()
     assert (tmp_path / "file").read_text() == "in the way"
 
 
-def test_replay_publishes_every_recorded_byte(spinning: Spinning, tmp_path: Path) -> None:
+def test_replay_publishes_every_recorded_byte(graph_host: GraphHost, tmp_path: Path) -> None:
     from lupin_msgs.msg import MissionState
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import LaserScan
@@ -262,7 +263,7 @@ def test_replay_publishes_every_recorded_byte(spinning: Spinning, tmp_path: Path
     writer.finish()
 
     topics = ",".join(row.name for row in (*rows, graph.CLOCK))
-    recorder = spinning.add(Recorder({"output": str(tmp_path / "out.mcap"), "topics": topics}))
+    recorder = graph_host.add(Recorder({"output": str(tmp_path / "out.mcap"), "topics": topics}))
     player = subprocess.run(
         [sys.executable, "-m", "lupin_runtime.record.player", str(tmp_path / "in.mcap"), "--wait-s", "10"],
         capture_output=True,
@@ -293,7 +294,7 @@ def test_cut_off_message_is_not_played(tmp_path: Path) -> None:
     assert f"{row.name}: 3 messages do not fit their type and were not played" in done.stderr
 
 
-def test_interrupted_player_stops_at_once_and_exits_130(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
+def test_interrupted_player_stops_at_once_and_exits_130(graph_host: GraphHost, tmp_path: Path) -> None:
 
     from lupin_runtime.record.definitions import schema_text
     from lupin_runtime.record.writer import RecordingWriter
@@ -306,14 +307,14 @@ def test_interrupted_player_stops_at_once_and_exits_130(spinning: Spinning, unti
         writer.write(channel, b"\x00\x01\x00\x00\x01", i * 1_000_000_000, i)
     writer.finish()
     received: list[Bool] = []
-    listener = spinning.add(LupinNode("listener"))
+    listener = graph_host.add(LupinNode("listener"))
     listener.subscription(row, received.append)
     command = [sys.executable, "-m", "lupin_runtime.record.player", str(tmp_path / "long.mcap"), "--wait-s", "10"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
-        until(lambda: received, "the first message is played")
+        wait_until(lambda: received, "the first message is played")
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=STOPS_WITHIN_S)
+        process.communicate(timeout=WAIT_S)
     finally:
         process.kill()
     assert process.returncode == 130

@@ -91,6 +91,7 @@ def test_wall_clock_step_does_not_delay_timers() -> None:
 @pytest.mark.usefixtures("context")
 def test_timers_run_on_simulated_time_under_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     from rclpy.executors import SingleThreadedExecutor
+    from rclpy.task import Future
     from rosgraph_msgs.msg import Clock
 
     from lupin_runtime.ros import LupinNode, stamp_from_ns
@@ -106,7 +107,8 @@ def test_timers_run_on_simulated_time_under_clock(monkeypatch: pytest.MonkeyPatc
     node.create_timer(1.0, lambda: fired.append(node.now_ns()))
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
+    end = Future()
+    thread = threading.Thread(target=executor.spin_until_future_complete, args=(end,), daemon=True)
     thread.start()
     now_ns = 0
 
@@ -119,8 +121,9 @@ def test_timers_run_on_simulated_time_under_clock(monkeypatch: pytest.MonkeyPatc
     try:
         wait_until(hurry, "the timer", interval_s=0.01)
     finally:
-        executor.shutdown(timeout_sec=2.0)
+        end.set_result(None)
         thread.join()
+        executor.shutdown()
         follower.stop()
         node.destroy_node()
         source.destroy_node()

@@ -43,9 +43,10 @@ class Spun:
 
     def close(self) -> None:
         self._stopping.set()
-        self.executor.shutdown(timeout_sec=2.0)
+        self.executor.wake()
         self._thread.join(WAIT_S)
         assert not self._thread.is_alive()
+        self.executor.shutdown()
         self.node.destroy_node()
 
     def wait_until(self, condition: Callable[[], object], what: str) -> None:

@@ -6,16 +6,20 @@ import os
 import signal
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.support.waiting import WAIT_S
+from tests.support.waiting import WAIT_S, wait_for_nothing, wait_until
 
 if TYPE_CHECKING:
     from tests.conftest import GraphHost
 
 pytestmark = pytest.mark.graph
+
+PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 THREE_NODES = """
 import os, sys
@@ -102,16 +106,47 @@ os._exit(run([Node]))
 """
 
 
-def test_terminated_process_leaves_the_graph_at_once(graph_host: GraphHost) -> None:
+# A process that exits without leaving the graph stays visible until its DDS lease expires.
+LONG_LEASE = "<builtin><discovery_config><leaseDuration><sec>600</sec></leaseDuration></discovery_config></builtin>"
+
+
+def test_terminated_process_leaves_the_graph_at_once(graph_host: GraphHost, tmp_path: Path) -> None:
     from lupin_runtime.ros import LupinNode
 
+    profile = tmp_path / "profile.xml"
+    profile.write_text(Path(os.environ[PROFILE]).read_text().replace("</rtps>", f"{LONG_LEASE}</rtps>"))
     observer = graph_host.add(LupinNode("observer"))
-    process = subprocess.Popen([sys.executable, "-c", ONE_NODE])
+    process = subprocess.Popen([sys.executable, "-c", ONE_NODE], env={**os.environ, PROFILE: str(profile)})
     graph_host.until(lambda: "terminated" in observer.get_node_names(), what="the node")
     process.send_signal(signal.SIGTERM)
     assert process.wait(WAIT_S) == 0
-    # A process that exits without leaving the graph stays visible until its DDS lease of 20 s expires.
-    graph_host.until(lambda: "terminated" not in observer.get_node_names(), 10.0, "the node's disappearance")
+    graph_host.until(lambda: "terminated" not in observer.get_node_names(), what="the node's disappearance")
+
+
+@pytest.mark.usefixtures("graph_host")
+def test_stop_waits_until_a_callback_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    from lupin_runtime.ros import LupinNode, node_runner
+
+    monkeypatch.setattr(node_runner, "STOP_GRACE_S", WAIT_S)
+    node, failures = LupinNode("busy"), []
+    spinner = node_runner._Spinner(node, lambda: failures.append("a callback failed"))
+    handling = threading.Event()
+    make_handler = spinner._executor._make_handler
+
+    def make_handler_late(*arguments: Any) -> Any:
+        handling.set()
+        wait_until(lambda: spinner._stopping, "the stop")
+        wait_for_nothing(0.2, "a shutdown that does not wait for the thread")
+        return make_handler(*arguments)
+
+    monkeypatch.setattr(spinner._executor, "_make_handler", make_handler_late)
+    timer = node.create_timer(0.001, lambda: None)
+    wait_until(timer.is_ready, "a timer that is due, which rclpy looks at first")
+    spinner.thread.start()
+    assert handling.wait(WAIT_S)
+    spinner.stop()
+    assert not failures and not spinner.thread.is_alive()
+    spinner.destroy_node()
 
 
 def test_environment_of_tests_is_private() -> None:
