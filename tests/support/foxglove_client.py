@@ -13,10 +13,9 @@ from typing import Any
 
 import aiohttp
 
-from tests.support.waiting import wait_until
+from tests.support.waiting import WAIT_S, wait_until
 
 SUBPROTOCOL = "foxglove.sdk.v1"
-ANSWER_TIMEOUT_S = 20.0
 # Opcodes and layouts of the server's binary frames.
 _MESSAGE_DATA, _TIME = 1, 2
 _MESSAGE_HEADER = struct.Struct("<BIQ")  # opcode, subscription id, time in ns
@@ -104,7 +103,7 @@ class FoxgloveClient:
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
         """Wait until a condition is true, and return its value."""
-        return wait_until(condition, what, interval_s=0.002)
+        return wait_until(condition, lambda: f"{what}; the server said {self.statuses}", interval_s=0.002)
 
     # -- disconnecting ------------------------------------------------------------------------------------------------
     def close(self) -> None:
@@ -184,9 +183,9 @@ class FoxgloveClient:
             self.times_ns.append(_TIME_FRAME.unpack(frame)[1])
 
     def _call(self, coroutine: Coroutine[Any, Any, Any]) -> Any:
-        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(ANSWER_TIMEOUT_S)
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(WAIT_S)
 
     def _stop_loop(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(ANSWER_TIMEOUT_S)
+        self._thread.join(WAIT_S)
         self._loop.close()
