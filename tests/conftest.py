@@ -1,4 +1,4 @@
-"""Fixtures of all tests. Each test process has a private ROS graph: a claimed DDS domain on loopback."""
+"""Fixtures of all tests. Each test process has a private ROS graph, a claimed DDS domain on loopback, and private settings."""
 
 from __future__ import annotations
 
@@ -34,12 +34,17 @@ pytest_plugins = [
 
 @pytest.fixture(scope="session", autouse=True)
 def private_graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """Put this process, and all processes that it starts, into an unused DDS domain; return the domain."""
+    """Put this process, and all processes that it starts, into an unused DDS domain; return the domain.
+
+    They have settings, runs and logs of their own, too: not those of the user, nor of another test run.
+    """
     claim = claim_domain()
     directory: Path = tmp_path_factory.mktemp("dds")
     before = dict(os.environ)
     os.environ.clear()
     os.environ.update(loopback_environment(claim.domain, directory, before))
+    for name in ("XDG_CONFIG_HOME", "XDG_STATE_HOME", "ROS_LOG_DIR"):
+        os.environ[name] = str(tmp_path_factory.mktemp(name.lower()))
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         # A shell starts background jobs like this. Programs that tests interrupt would inherit it, and ignore the interrupt.
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import socket
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
@@ -225,10 +226,17 @@ class VideoRelay:
         except asyncio.TimeoutError as error:
             raise VideoUnavailable(504, f"the video server at {self._target} does not respond; see: lupin doctor") from error
         except aiohttp.ClientError as error:
-            raise VideoUnavailable(502, f"no video from {self._target}: {error}; see: lupin doctor") from error
+            raise VideoUnavailable(502, f"no video from {self._target}: {_reason(error)}; see: lupin doctor") from error
 
     def _malformed(self) -> VideoUnavailable:
         return VideoUnavailable(502, f"the server at {self._target} is not the video server; see: lupin doctor")
+
+
+def _reason(error: aiohttp.ClientError) -> str:
+    """Return what a person can use of an error: asyncio words a refused connection as "Connect call failed"."""
+    if isinstance(error, aiohttp.ClientConnectorError) and error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno)
+    return str(error)
 
 
 class _Upstream:
