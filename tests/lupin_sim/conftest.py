@@ -18,15 +18,13 @@ from lupin_sim.cameras import CameraRig, new_image
 from lupin_sim.engine import Simulation
 from lupin_sim.graphics import DISABLED
 from lupin_sim.worlds import load_world
-from tests.support.waiting import wait_until
+from tests.support.waiting import WAIT_S, wait_until
 
 if TYPE_CHECKING:
     from nav_msgs.msg import Odometry
 
     from lupin_runtime import graph
     from lupin_sim.world import Tag, World
-
-DEADLINE_S = 20.0
 
 
 def _drive(simulation: Simulation, twist: tuple[float, float, float], seconds: float) -> None:
@@ -154,7 +152,7 @@ class GraphClient:
         self.newest[name] = message
         self.count[name] += 1
 
-    def spin_until(self, condition: Callable[..., Any], what: str, timeout_s: float = DEADLINE_S) -> Odometry | bool | int:
+    def spin_until(self, condition: Callable[..., Any], what: str, timeout_s: float = WAIT_S) -> Odometry | bool | int:
         """Spin until a condition is true, and return its value; fails the test after `timeout_s`."""
         value: Odometry | bool | int = wait_until(
             condition, what, timeout_s, interval_s=0.0, each=lambda: self._executor.spin_once(timeout_sec=0.05)

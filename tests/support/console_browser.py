@@ -8,6 +8,7 @@ import ssl
 from typing import Any
 
 from tests.support.rosbridge_client import RosbridgeClient
+from tests.support.waiting import WAIT_S
 
 PHONE = "Mozilla/5.0 (Linux; Android 15; Pixel 9) Chrome/140.0 Mobile Safari/537.36"
 
@@ -38,9 +39,9 @@ class Browser:
     def request(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, Any]:
         """Send a request; return the status and the contents of the response: parsed JSON, or text."""
         if self._trust is None:
-            connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+            connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=WAIT_S)
         else:
-            connection = http.client.HTTPSConnection("127.0.0.1", self.port, timeout=20, context=self._trust)
+            connection = http.client.HTTPSConnection("127.0.0.1", self.port, timeout=WAIT_S, context=self._trust)
         try:
             data = body if isinstance(body, (bytes, type(None))) else json.dumps(body)
             added = {"Origin": self.origin, "Content-Type": "application/json"} if method != "GET" else {}

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lupin_runtime import graph
-from tests.support.waiting import wait_until
-
-TIMEOUT_S = 30.0
+from tests.support.waiting import WAIT_S, wait_until
 
 
 class GraphClient:
@@ -52,7 +50,7 @@ class GraphClient:
         """Return the log of a process of the run."""
         return (self.folder / "logs" / f"{process}.log").read_text(errors="replace")
 
-    def until(self, condition: Callable[[], Any], what: str, timeout_s: float = TIMEOUT_S) -> Any:
+    def until(self, condition: Callable[[], Any], what: str, timeout_s: float = WAIT_S) -> Any:
         """Wait until the condition is true, and return its value. Fails the test with `what`."""
         return wait_until(condition, what, timeout_s, interval_s=0.01)
 

@@ -6,7 +6,7 @@ import json
 import socket
 from typing import Any
 
-_TIMEOUT_S = 20.0
+from tests.support.waiting import WAIT_S
 
 
 def open_raw_websocket(port: int, path: str = "/", *, receive_buffer: int | None = None) -> socket.socket:
@@ -15,7 +15,7 @@ def open_raw_websocket(port: int, path: str = "/", *, receive_buffer: int | None
     A small `receive_buffer`, in bytes, makes the sender notice early that nothing is read.
     """
     connection = socket.socket()
-    connection.settimeout(_TIMEOUT_S)
+    connection.settimeout(WAIT_S)
     if receive_buffer is not None:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
     connection.connect(("127.0.0.1", port))

@@ -11,7 +11,7 @@ from typing import Any
 import cbor2
 from websockets.sync.client import ClientConnection, connect
 
-ANSWER_TIMEOUT_S = 20.0
+from tests.support.waiting import WAIT_S
 
 
 class RosbridgeClient:
@@ -28,7 +28,7 @@ class RosbridgeClient:
         """Send one message."""
         self.socket.send(json.dumps({"op": op, **fields}))
 
-    def wait(self, condition: Callable[[dict[str, Any]], Any], timeout_s: float = ANSWER_TIMEOUT_S) -> dict[str, Any]:
+    def wait(self, condition: Callable[[dict[str, Any]], Any], timeout_s: float = WAIT_S) -> dict[str, Any]:
         """Return the first message ever received that meets the condition; wait for it if necessary. Raises TimeoutError."""
         checked, deadline_s = 0, time.monotonic() + timeout_s
         while True:

@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from lupin_runtime.cameras.mjpeg import PartReader
-
-TIMEOUT_S = 20.0
+from tests.support.waiting import WAIT_S
 
 
 class VideoClient:
@@ -58,8 +57,8 @@ class VideoClient:
 
     def _connection(self) -> http.client.HTTPConnection:
         if self._trust is None:
-            return http.client.HTTPConnection("127.0.0.1", self._port, timeout=TIMEOUT_S)
-        return http.client.HTTPSConnection("127.0.0.1", self._port, timeout=TIMEOUT_S, context=self._trust)
+            return http.client.HTTPConnection("127.0.0.1", self._port, timeout=WAIT_S)
+        return http.client.HTTPSConnection("127.0.0.1", self._port, timeout=WAIT_S, context=self._trust)
 
 
 class Stream:

@@ -19,6 +19,7 @@ from lupin_runtime import graph
 from lupin_runtime.console.description import read_description
 from tests.support.console_browser import Browser
 from tests.support.rosbridge_client import RosbridgeClient
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from lupin_runtime.console.node import Console
@@ -442,7 +443,7 @@ def test_port_in_use_is_reported_with_its_owner(graph_host: GraphHost, peer: Lup
         port = server.getsockname()[1]
         with pytest.raises(PortInUse, match=rf"port {port} is in use by process \d+"):
             serve(graph_host, tmp_path, port=port)
-    graph_host.until(lambda: peer.get_node_names() == ["peer"], what="a graph without the console")
+    wait_until(lambda: peer.get_node_names() == ["peer"], lambda: f"a graph without the console: {peer.get_node_names()}")
 
 
 def test_browsers_are_served_while_the_rosbridge_port_is_in_use(

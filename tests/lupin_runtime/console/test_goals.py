@@ -22,10 +22,10 @@ from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.ros_thread import RosThread
 from tests.conftest import GraphHost
 from tests.support.lost_answers import lose_goal_answers
+from tests.support.waiting import WAIT_S
 
 pytestmark = pytest.mark.graph
 
-WAIT_S = 20.0
 ACTION, ACTION_TYPE = "/turn", "nav2_msgs/action/Spin"
 NO_TIME = {"sec": 0, "nanosec": 0}
 

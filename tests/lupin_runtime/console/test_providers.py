@@ -19,10 +19,10 @@ from lupin_runtime.console.providers import ActionProvider, RequestFailed, Servi
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.ros_thread import RosThread
 from tests.conftest import GraphHost
+from tests.support.waiting import WAIT_S
 
 pytestmark = pytest.mark.graph
 
-WAIT_S = 20.0
 SERVICE, SERVICE_TYPE = "/greenhouse/lamp", "std_srvs/srv/SetBool"
 ACTION, ACTION_TYPE = "/greenhouse/turn", "nav2_msgs/Spin"  # the short form, which must reach the client verbatim
 

@@ -22,9 +22,8 @@ from lupin_runtime.voice.slots import Names
 from lupin_runtime.voice.speech import SpeechUnavailable
 from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS
 from tests.support.fake_listener import SILENCE, LoudnessRecognizer, sound_of
-from tests.support.waiting import wait_until
+from tests.support.waiting import WAIT_S, wait_until
 
-TIMEOUT_S = 20.0
 PAUSE = 20  # frames that end an utterance
 
 
@@ -44,7 +43,7 @@ class Rig:
         self.listener.handle(kind, identifier.encode())
 
     def event(self) -> dict[str, Any]:
-        return self.events.get(timeout=TIMEOUT_S)
+        return self.events.get(timeout=WAIT_S)
 
     def say_until_stopped(self) -> dict[str, Any]:
         """Go on saying a word for stopping until the spotter has heard it."""
@@ -118,7 +117,7 @@ class LateWindows(LoudnessRecognizer):
 
     def transcribe_window(self, sound: bytes) -> str:
         self.begun += 1
-        assert self.permits.acquire(timeout=TIMEOUT_S)
+        assert self.permits.acquire(timeout=WAIT_S)
         return super().transcribe_window(sound)
 
 
@@ -131,7 +130,7 @@ class SlowSentences(LoudnessRecognizer):
 
     def transcribe(self, sound: bytes) -> str:
         self.is_busy = True
-        assert self.permit.wait(timeout=TIMEOUT_S)
+        assert self.permit.wait(timeout=WAIT_S)
         return super().transcribe(sound)
 
 

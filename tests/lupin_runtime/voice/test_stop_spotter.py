@@ -12,10 +12,9 @@ from lupin_runtime.voice.endpointer import FRAME_BYTES, SAMPLE_RATE_HZ
 from lupin_runtime.voice.recognizer import WINDOW_S
 from lupin_runtime.voice.spotting_endpointer import SpottingEndpointer
 from lupin_runtime.voice.stop_spotter import AGREEING_WINDOWS, HALT, STEP_S, StopSpotter
-from tests.support.waiting import wait_until
+from tests.support.waiting import WAIT_S, wait_until
 
 SECOND = SAMPLE_RATE_HZ * 2
-TIMEOUT_S = 10.0
 
 
 class Script:
@@ -30,7 +29,7 @@ class Script:
 
     def transcribe_window(self, sound: bytes) -> str:
         self.windows.put(sound)
-        return self.texts.get(timeout=TIMEOUT_S)
+        return self.texts.get(timeout=WAIT_S)
 
     def may_be_halt(self, word: bytes) -> bool:
         return self.transcribe_window(word) == "halt"
@@ -60,7 +59,7 @@ class Speaker:
         for text in texts:
             self.sound += b"\2" * int(STEP_S * SECOND)
             self.spotter.update(self.sound)
-            windows.append(self.script.windows.get(timeout=TIMEOUT_S))
+            windows.append(self.script.windows.get(timeout=WAIT_S))
             self.script.texts.put(text)
         return windows
 
@@ -76,7 +75,7 @@ def speaker() -> Iterator[Speaker]:
 def test_stop_is_reported_before_the_sentence_ends(speaker: Speaker) -> None:
     speaker.begin()
     speaker.say("go to the", *["no stop"] * AGREEING_WINDOWS)
-    assert speaker.stops.get(timeout=TIMEOUT_S) == "no stop"
+    assert speaker.stops.get(timeout=WAIT_S) == "no stop"
 
 
 def test_stop_needs_windows_in_a_row_that_agree(speaker: Speaker) -> None:
@@ -98,33 +97,33 @@ def test_stop_is_found_when_the_next_utterance_has_begun(speaker: Speaker) -> No
     speaker.say(*["stop"] * (AGREEING_WINDOWS - 1))
     speaker.sound += b"\2" * int(STEP_S * SECOND)
     speaker.spotter.update(speaker.sound)
-    speaker.script.windows.get(timeout=TIMEOUT_S)  # the last window is being heard
+    speaker.script.windows.get(timeout=WAIT_S)  # the last window is being heard
     speaker.begin()
     speaker.script.texts.put("stop")
-    assert speaker.stops.get(timeout=TIMEOUT_S) == "stop" and speaker.numbers == [1]
+    assert speaker.stops.get(timeout=WAIT_S) == "stop" and speaker.numbers == [1]
     speaker.say(*["halt"] * AGREEING_WINDOWS)  # at once: it is not the utterance that was stopped
-    assert speaker.stops.get(timeout=TIMEOUT_S) == "halt" and speaker.numbers == [1, 2]
+    assert speaker.stops.get(timeout=WAIT_S) == "halt" and speaker.numbers == [1, 2]
 
 
 def test_word_is_heard_when_the_next_utterance_has_begun(speaker: Speaker) -> None:
     speaker.begin()
     speaker.sound += b"\2" * int(STEP_S * SECOND)
     speaker.spotter.update(speaker.sound)
-    speaker.script.windows.get(timeout=TIMEOUT_S)  # is being heard
+    speaker.script.windows.get(timeout=WAIT_S)  # is being heard
     speaker.spotter.end_word(speaker.sound)
     word = speaker.sound
     speaker.begin()
     speaker.script.texts.put("old")
-    assert speaker.script.windows.get(timeout=TIMEOUT_S) == word
+    assert speaker.script.windows.get(timeout=WAIT_S) == word
     speaker.script.texts.put("halt")
-    assert speaker.stops.get(timeout=TIMEOUT_S) == HALT and speaker.numbers == [1]
+    assert speaker.stops.get(timeout=WAIT_S) == HALT and speaker.numbers == [1]
 
 
 def test_one_utterance_stops_once_and_the_next_again(speaker: Speaker) -> None:
     for _ in range(2):
         speaker.begin()
         speaker.say(*["halt"] * AGREEING_WINDOWS)
-        assert speaker.stops.get(timeout=TIMEOUT_S) == "halt"
+        assert speaker.stops.get(timeout=WAIT_S) == "halt"
         speaker.spotter.update(speaker.sound * 2)
     speaker.spotter.close()
     assert speaker.stops.empty() and speaker.script.windows.empty()
@@ -133,16 +132,16 @@ def test_one_utterance_stops_once_and_the_next_again(speaker: Speaker) -> None:
 def test_second_stop_of_a_long_utterance_is_heard(speaker: Speaker) -> None:
     speaker.begin()
     speaker.say(*["stop"] * AGREEING_WINDOWS)
-    assert speaker.stops.get(timeout=TIMEOUT_S) == "stop"
+    assert speaker.stops.get(timeout=WAIT_S) == "stop"
     speaker.sound += b"\3" * int(WINDOW_S * SECOND)
     speaker.say(*["halt"] * AGREEING_WINDOWS)
-    assert speaker.stops.get(timeout=TIMEOUT_S) == "halt"
+    assert speaker.stops.get(timeout=WAIT_S) == "halt"
 
 
 def end_word(speaker: Speaker, heard_as: str) -> None:
     """Let a word end, and have it heard."""
     speaker.spotter.end_word(speaker.sound)
-    assert speaker.script.windows.get(timeout=TIMEOUT_S) == speaker.sound
+    assert speaker.script.windows.get(timeout=WAIT_S) == speaker.sound
     speaker.script.texts.put(heard_as)
 
 
@@ -153,7 +152,7 @@ def test_single_word_that_may_be_halt_stops(speaker: Speaker) -> None:
     speaker.say("old")
     assert speaker.stops.empty()
     end_word(speaker, "halt")
-    assert speaker.stops.get(timeout=TIMEOUT_S) == HALT
+    assert speaker.stops.get(timeout=WAIT_S) == HALT
 
 
 @pytest.mark.parametrize(("spoken", "pause", "asked"), [(10, 10, 1), (10, 3, 0), (30, 10, 0)])
