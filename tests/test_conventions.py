@@ -12,6 +12,7 @@ from tests.support.paths import ROOT
 PACKAGES = ("lupin_cli", "lupin_runtime", "lupin_sim")
 MAX_LENGTH = 60
 CLOCKS = ("monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "process_time")
+DURATIONS = ("took_s", "elapsed_s", "waited_s")
 
 
 def test_names_of_tests_are_at_most_60_characters() -> None:
@@ -116,6 +117,8 @@ def elapsed_assertions(source: str) -> list[int]:
 
 
 def is_elapsed(node: ast.expr) -> bool:
+    if isinstance(node, ast.Name):
+        return node.id in DURATIONS
     if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub) and isinstance(node.left, ast.Call)):
         return False
     function = node.left.func
@@ -152,4 +155,5 @@ def test_rule_finds_what_it_forbids() -> None:
     assert not list(bare_sleeps(ast.parse("def test_it():\n    def slow():\n        time.sleep(0.2)\n    run(slow)\n")))
     forbidden = "def test():\n    began = time.monotonic()\n    assert done and time.monotonic() - began < 2.0\n"
     assert elapsed_assertions(forbidden) == [3]
+    assert elapsed_assertions("assert took_s < 2.0\n") == [1]
     assert elapsed_assertions("assert time.monotonic() < deadline\nassert 0 < rate_hz < 3\n") == []
