@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
 from lifecycle_msgs.msg import Transition
@@ -24,9 +24,10 @@ from lupin_runtime.atomic_file import write_atomically
 from lupin_runtime.environment import without_ros_wheels
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 
-TRANSITION_TIMEOUT_S = 30.0
+ANSWER_TIMEOUT_S = 30.0
 TERMINATE_GRACE_S = 1.5
 _PERIOD_S = 0.1
+_LOG_WAIT_PERIOD_S = 10.0
 _TRANSITIONS = ((Transition.TRANSITION_CONFIGURE, "configure"), (Transition.TRANSITION_ACTIVATE, "activate"))
 
 
@@ -45,6 +46,8 @@ class Running:
 
 class SystemPrograms(LupinNode):
     """Starts programs, and makes their managed nodes active in their order. If one exits, this process ends, and all others.
+
+    How long they may take to start is the supervisor's to judge: it ends what is not up in time.
 
     Parameters: `programs`, each `PACKAGE/EXECUTABLE/NODE`; `parameter_file`, to which `ros_parameters` (nodes and their
     parameters, as for `--params-file`) are written. `remappings` apply to every program.
@@ -73,7 +76,7 @@ class SystemPrograms(LupinNode):
         self._steps = deque((program.node, *step) for program in self._running for step in _TRANSITIONS)
         self._client: Client | None = None
         self._answer: Future | None = None
-        self._since_s = time.monotonic()
+        self._requested_s = 0.0
         # A paused simulation must not hide that a program has exited.
         self.create_timer(_PERIOD_S, self._step, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -83,29 +86,36 @@ class SystemPrograms(LupinNode):
         for program in self._running:
             status = program.process.poll()
             if status is not None:
-                self._end_programs()  # what they print at their end must not stand below the reason in the log
-                raise ProgramError(f"{program.name} {_exit_text(status)}")
+                self._fail(f"{program.name} {_exit_text(status)}")
         if self._steps:
             self._advance(*self._steps[0])
 
     def _advance(self, node: str, transition: int, verb: str) -> None:
         """Request a transition, or look for its answer."""
         if self._client is None:
-            self._client, self._since_s = self.create_client(ChangeState, f"/{node}/change_state"), time.monotonic()
+            self._client = self.create_client(ChangeState, f"/{node}/change_state")
         if self._answer is None and self._client.service_is_ready():
             self._answer = self._client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+            self._requested_s = time.monotonic()
         if self._answer is None or not self._answer.done():
-            if time.monotonic() - self._since_s > TRANSITION_TIMEOUT_S:
-                raise ProgramError(f"{node} did not {verb} within {TRANSITION_TIMEOUT_S:.0f} s")
+            if self._answer is not None and time.monotonic() - self._requested_s > ANSWER_TIMEOUT_S:
+                self._fail(f"{node} did not answer a request to {verb} within {ANSWER_TIMEOUT_S:.0f} s")
+            self.get_logger().warning(
+                f"waiting for {node} to {verb}", throttle_duration_sec=_LOG_WAIT_PERIOD_S, skip_first=True
+            )
             return
         result = self._answer.result()
         if result is None or not result.success:
-            raise ProgramError(f"{node} did not {verb}; its own lines in this log say why")
+            self._fail(f"{node} did not {verb}; its own lines in this log say why")
         self.destroy_client(self._client)
         self._client = self._answer = None
         self._steps.popleft()
         if not self._steps:
             self.get_logger().info(f"active: {', '.join(program.node for program in self._running)}")
+
+    def _fail(self, reason: str) -> NoReturn:
+        self._end_programs()  # what they print at their end must not stand below the reason in the log
+        raise ProgramError(reason)
 
     def before_shutdown(self) -> None:
         """End the programs."""

@@ -223,7 +223,9 @@ class Supervisor:
         stage.killed_why = ""
         for condition in stage.row.ready:
             self.monitor.forget(condition)
-        while stage.restarts and now - stage.restarts[0] > RESTARTS_WITHIN_S:
+        was_up = stage.up_after_s is not None
+        # One that was never up is not restarted without end, however long each of its attempts takes.
+        while was_up and stage.restarts and now - stage.restarts[0] > RESTARTS_WITHIN_S:
             stage.restarts.popleft()
         # Without a mission no other process depends on the lost state.
         repairable = stage.row.on_death == "restart" or (stage.row.on_death == "mission" and not self.options.mission)
@@ -237,7 +239,8 @@ class Supervisor:
             self.liveness.stop_monitoring(stage.row.name)
             stage.phase, stage.since_s, stage.was_given_up = Phase.FAILED, now, True
             lost = f"its state is lost, so the {stage.row.on_death} was stopped"
-            consequence = f"given up after {RESTARTS_ALLOWED} restarts in a minute" if repairable else lost
+            given_up = f"given up after {RESTARTS_ALLOWED} restarts " + ("in a minute" if was_up else "without being up")
+            consequence = given_up if repairable else lost
             if stage.row.optional and self._retry_optional_s:
                 consequence += f"; it is started again in {self._retry_optional_s:.0f} s"
         log = "" if self._own_output else f"; log: {self.run.logs / (stage.row.name + '.log')}"

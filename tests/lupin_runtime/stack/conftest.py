@@ -20,7 +20,7 @@ import pytest
 from tests.support.graph_client import GraphClient
 from tests.support.waiting import wait_until
 
-UP_TIMEOUT_S = 90.0
+UP_TIMEOUT_S = 240.0  # two engines, one after the other, may take 90 s each
 CONSOLE_PORTS_TIMEOUT_S = 700.0
 
 

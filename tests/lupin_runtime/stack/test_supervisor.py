@@ -134,6 +134,23 @@ def test_process_that_keeps_dying_gets_three_restarts(supervise: Any) -> None:
     assert [death.ends_run for death in supervisor.deaths] == [False, False, False, True]
 
 
+def test_only_what_was_up_is_restarted_at_any_later_time(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "RESTARTS_WITHIN_S", 0.0)  # as if each attempt took longer
+    watch, scan = FakeMonitor(), TopicSample(graph.SCAN)
+    watch.holds.add(scan)
+    never_up = row("nav", "raise SystemExit(7)", ready=(TopicSample(graph.MAP),))
+    supervisor = supervise(watch, never_up, row("slam", STAY, ready=(scan,)))
+    nav, slam = supervisor.stages
+    until(supervisor, lambda: nav.phase is Phase.FAILED)
+    assert nav.restart_count == 3 and "given up after 3 restarts without being up" in nav.why
+    while slam.restart_count < 5:
+        until(supervisor, lambda: slam.phase is Phase.UP)
+        slam.process.kill()
+        until(supervisor, lambda: slam.phase is Phase.STARTING)
+        watch.holds.add(scan)
+    assert "slam" not in [death.stage for death in supervisor.deaths if death.ends_run]
+
+
 def test_run_continues_without_an_optional_process(supervise: Any) -> None:
     unable = row("console", "raise SystemExit(7)", ready=(TopicSample(graph.MAP),), optional=True)
     supervisor = supervise(FakeMonitor(), unable, row("nav", STAY))
@@ -147,7 +164,6 @@ def test_run_continues_without_an_optional_process(supervise: Any) -> None:
 def test_optional_process_is_started_again_after_it_was_given_up(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     table = (row("joystick", "raise SystemExit(7)", optional=True), row("drive", STAY))
     monkeypatch.setattr(module, "rows", lambda _: table)
-    monkeypatch.setattr(module, "RESTARTS_WITHIN_S", 0.5)
     supervisor = Supervisor(Options(run_path=run.path), run, dict(os.environ), FakeMonitor(), retry_optional_s=1.0)
     try:
         stage = supervisor.stage("joystick")
