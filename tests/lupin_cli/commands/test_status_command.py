@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from lupin_runtime.stack.runs import Run, create_run
+from lupin_runtime.stack.usage import start_ticks
 
 STAGE = {
     "name": "nav",
@@ -71,6 +72,16 @@ def test_status_shows_no_state_whose_owner_is_gone() -> None:
     done = status()  # another process holds the lock
     assert done.returncode == 3 and "nav" not in done.stdout
     assert "last_result" in json.loads(status("--json").stdout)
+    os.close(lock)
+
+
+def test_process_that_does_not_respond_is_an_alarm() -> None:
+    run, lock = make_run({"pid": os.getpid(), "start_ticks": start_ticks(os.getpid())})
+    expected = {"": (0, []), "does not respond": (1, ["nav does not respond"])}
+    for trouble, (exit_status, named) in expected.items():
+        run.write_state({"id": run.id, "stages": [{**STAGE, "trouble": trouble}], "age_s": 9.0, "mission": {}})
+        done = status("--json")
+        assert (done.returncode, json.loads(done.stdout)["alarms"]) == (exit_status, named)
     os.close(lock)
 
 
