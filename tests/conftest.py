@@ -205,7 +205,7 @@ def graph_host() -> Iterator[GraphHost]:
 def private_mounts() -> None:
     """Skip the test unless this machine allows private mounts for a program, which needs root."""
     try:
-        done = subprocess.run(["unshare", "--mount", "true"], capture_output=True, text=True, check=False, timeout=20)
+        done = subprocess.run(["unshare", "--mount", "true"], capture_output=True, text=True, check=False, timeout=60)
         missing = done.stderr.strip() if done.returncode else ""
     except OSError as error:
         missing = str(error)

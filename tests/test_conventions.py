@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from tests.support.command_line import all_commands, mistake_in
 from tests.support.paths import ROOT
+from tests.support.waiting import WAIT_S
 
 PACKAGES = ("lupin_cli", "lupin_runtime", "lupin_sim")
 MAX_LENGTH = 60
@@ -133,6 +134,24 @@ def test_no_test_asserts_how_long_something_took() -> None:
     assert found == [], "bench/ measures durations"
 
 
+def short_limits(source: str) -> list[int]:
+    """Return the lines of the limits of a wait, `timeout=SECONDS`, that assert that something is quick: 1 s to below WAIT_S."""
+    return [
+        keyword.value.lineno
+        for call in ast.walk(ast.parse(source))
+        if isinstance(call, ast.Call)
+        for keyword in call.keywords
+        if keyword.arg == "timeout" and isinstance(keyword.value, ast.Constant)
+        if isinstance(keyword.value.value, int | float) and 1 <= keyword.value.value < WAIT_S
+    ]
+
+
+def test_no_limit_of_a_wait_asserts_how_long_it_takes() -> None:
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    found = [f"{path.relative_to(ROOT)}:{line}" for path in files for line in short_limits(path.read_text(encoding="utf-8"))]
+    assert found == [], "a limit that is only there to end a failed test is 60 s or longer"
+
+
 def bare_sleeps(node: ast.AST, *, in_test: bool = False) -> Iterator[int]:
     """Yield the lines of the sleeps of tests themselves, outside loops: `wait_until` or `wait_for_nothing` says what for."""
     for child in ast.iter_child_nodes(node):
@@ -155,5 +174,6 @@ def test_rule_finds_what_it_forbids() -> None:
     assert not list(bare_sleeps(ast.parse("def test_it():\n    def slow():\n        time.sleep(0.2)\n    run(slow)\n")))
     forbidden = "def test():\n    began = time.monotonic()\n    assert done and time.monotonic() - began < 2.0\n"
     assert elapsed_assertions(forbidden) == [3]
+    assert short_limits("run(timeout=60)\nrun(timeout=0.1)\nrun(timeout=None)\nrun(\n    timeout=20.0)\n") == [5]
     assert elapsed_assertions("assert took_s < 2.0\n") == [1]
     assert elapsed_assertions("assert time.monotonic() < deadline\nassert 0 < rate_hz < 3\n") == []

@@ -101,7 +101,7 @@ def test_every_script_is_valid_and_has_an_undo(seed: int, number: int) -> None:
             continue
         assert step.make != step.undo
         for script in (step.make, step.undo):
-            done = subprocess.run(["sh", "-n", "-c", script], capture_output=True, text=True, timeout=20, check=False)
+            done = subprocess.run(["sh", "-n", "-c", script], capture_output=True, text=True, timeout=60, check=False)
             assert done.returncode == 0, f"{script}\n{done.stderr}"
 
 
@@ -151,7 +151,7 @@ def run_on_home(home: Path, script: str) -> None:
     shell = shutil.which("sh")
     assert shell is not None
     env = {"HOME": str(home), "PATH": "/usr/bin:/bin"}
-    subprocess.run([shell, "-ec", script], check=True, env=env, timeout=20)
+    subprocess.run([shell, "-ec", script], check=True, env=env, timeout=60)
 
 
 def test_generator_and_observer_share_no_code_with_the_doctor() -> None:

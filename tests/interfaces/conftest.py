@@ -31,7 +31,7 @@ def start_peer() -> Iterator[StartPeer]:
         )
         started.append(process)
         assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n", f"the peer exited with {process.wait(10)}; its error output is above"
+        assert process.stdout.readline() == "ready\n", f"the peer exited with {process.wait(60)}; its error output is above"
 
     yield start
     for process in started:

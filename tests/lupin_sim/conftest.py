@@ -117,7 +117,7 @@ class RobotProcess:
         """Stop it with SIGTERM, as the supervisor does. Returns its exit status and standard error."""
         self.process.send_signal(signal.SIGTERM)
         try:
-            _, stderr = self.process.communicate(timeout=10)
+            _, stderr = self.process.communicate(timeout=60)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.communicate()

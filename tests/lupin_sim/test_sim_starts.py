@@ -97,7 +97,7 @@ def test_speed_zero_runs_faster_than_the_wall_clock(start: Callable[..., Any]) -
 )
 def test_invalid_arguments_end_with_status_2(arguments: tuple[str, str], text: str) -> None:
     process = subprocess.run(
-        [sys.executable, "-m", "lupin_sim", *arguments], capture_output=True, text=True, timeout=30, check=False
+        [sys.executable, "-m", "lupin_sim", *arguments], capture_output=True, text=True, timeout=60, check=False
     )
     assert process.returncode == 2
     assert text in process.stderr
@@ -110,7 +110,7 @@ def test_run_directory_that_cannot_be_created_ends_with_status_2(tmp_path: Path)
         [sys.executable, "-m", "lupin_sim", "--no-cameras", "--run-dir", str(tmp_path / "file" / "run")],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=60,
         check=False,
     )
     assert process.returncode == 2
@@ -132,6 +132,6 @@ def fail(self):
 Simulation.step = fail
 sys.exit(main(["--no-cameras", "--world", "walled"]))
 """
-    process = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=False)
+    process = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert process.returncode == 1
     assert "physics failed" in process.stderr

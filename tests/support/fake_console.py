@@ -114,7 +114,7 @@ def serve_console(folder: Path, *, tls: bool = True, store: CertificateStore | N
     thread = threading.Thread(target=lambda: asyncio.run(main()), name="fake-console")
     thread.start()
     try:
-        assert ready.wait(20.0)
+        assert ready.wait(60)
         yield console
     finally:
         for end in ends:

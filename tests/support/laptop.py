@@ -152,7 +152,7 @@ class Laptop:
             yield process.pid
         finally:
             process.terminate()
-            process.communicate(timeout=20.0)
+            process.communicate(timeout=60)
 
 
 def vendor_age_s(host: Host, robot: Robot | None = None) -> float:

@@ -80,7 +80,7 @@ class ReleaseRig(GraphClient):
         """Leave the graph, and terminate the mission's process."""
         if self._mission is not None:
             self._mission.terminate()
-            self._mission.wait(20.0)
+            self._mission.wait(60)
         super().close()
 
     # -- messages ------------------------------------------------------------------------------------------------------

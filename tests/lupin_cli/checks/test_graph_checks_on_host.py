@@ -57,7 +57,7 @@ class GraphLaptop(Laptop):
                 yield
         finally:
             process.terminate()
-            process.communicate(timeout=20.0)
+            process.communicate(timeout=60)
 
     def execute(self, *words: str) -> None:
         """Let a participant execute one command, and wait until it exits."""

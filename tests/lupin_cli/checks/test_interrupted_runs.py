@@ -20,7 +20,7 @@ from lupin_cli.playbook.journal import Journal, Mask
 def read(state: Path) -> tuple[UnfinishedRun, ...]:
     """Return the fact of a machine with this folder of states."""
     environment = {"PATH": "/usr/bin:/bin", "HOME": "/nonexistent", "XDG_STATE_HOME": str(state)}
-    done = subprocess.run(["sh", "-c", UNFINISHED_RUNS.probe], env=environment, capture_output=True, text=True, timeout=20)
+    done = subprocess.run(["sh", "-c", UNFINISHED_RUNS.probe], env=environment, capture_output=True, text=True, timeout=60)
     return UNFINISHED_RUNS.parse(Output(done.returncode, done.stdout, done.stderr))
 
 

@@ -16,7 +16,7 @@ def run_in_own_shm(script: str) -> subprocess.CompletedProcess[str]:
     """Run a script in a mount namespace with an empty /dev/shm."""
     kind = ["--map-root-user"] if os.geteuid() else []
     command = ["unshare", *kind, "--mount", "sh", "-c", f"mount -t tmpfs -o mode=1777 none /dev/shm && {script}"]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=20)
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=60)
     if "unshare" in ran.stderr or "mount:" in ran.stderr:
         pytest.skip(f"no namespaces here: {ran.stderr.strip()}")
     return ran

@@ -20,7 +20,7 @@ NOBODY = 65534
 def unreadable_maps(script: str, *, user: int | None = None) -> list[Path]:
     """Run the probe as `user`, or as this one; return the files of its section `unreadable`."""
     identity: dict[str, Any] = {} if user is None else {"user": user, "group": user, "extra_groups": []}
-    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=30, check=True, cwd="/", **identity)
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60, check=True, cwd="/", **identity)
     output = Output(done.returncode, done.stdout)
     files = parse_sections(output).lines("unreadable")
     assert parse(output).all_maps_readable == (not files)
@@ -55,7 +55,7 @@ def test_process_of_any_name_is_read(name: str) -> None:
     command = [sys.executable, "-I", "-S", "-c", NAMING, name]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None and process.stdin is not None and process.stdout.readline() == "up\n"
-        done = subprocess.run(["sh", "-c", PROBE], capture_output=True, text=True, timeout=30, check=True)
+        done = subprocess.run(["sh", "-c", PROBE], capture_output=True, text=True, timeout=60, check=True)
         tree = parse(Output(done.returncode, done.stdout))
         process.stdin.close()
     assert (tree.processes[process.pid].parent, tree.processes[process.pid].name) == (os.getpid(), name)

@@ -43,8 +43,10 @@ class Sandbox:
         assert self._holder.stdout is not None and self._holder.stderr is not None
         if self._holder.stdout.readline() != "ready\n":
             self._holder.kill()
-            pytest.skip(f"no namespaces here: {self._holder.communicate(timeout=10)[1].strip()}")
-        inner = subprocess.run(["pgrep", "-P", str(self._holder.pid)], capture_output=True, text=True, timeout=5).stdout.strip()
+            pytest.skip(f"no namespaces here: {self._holder.communicate(timeout=60)[1].strip()}")
+        inner = subprocess.run(
+            ["pgrep", "-P", str(self._holder.pid)], capture_output=True, text=True, timeout=60
+        ).stdout.strip()
         self._enter = ["nsenter", "-t", inner, "-m", "-p", *(["-U", "--preserve-credentials"] if kind else []), "--"]
         self.environment = {key: value for key, value in os.environ.items() if key != "FASTRTPS_DEFAULT_PROFILES_FILE"}
         self.environment.update(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", XDG_STATE_HOME=str(state_home))
@@ -87,9 +89,9 @@ class Sandbox:
 
     def close(self) -> None:
         self._holder.kill()
-        self._holder.communicate(timeout=10)
+        self._holder.communicate(timeout=60)
         for process in self._nodes:
-            process.wait(10)
+            process.wait(60)
             for pipe in (process.stdin, process.stdout):
                 if pipe is not None:
                     pipe.close()

@@ -107,11 +107,11 @@ def test_page_is_served_while_the_rosbridge_port_is_in_use() -> None:
         try:
             assert process.stdout is not None
             port = next(found[1] for line in process.stdout if (found := re.search(r"http://localhost:(\d+)", line)))
-            with urllib.request.urlopen(f"http://127.0.0.1:{port}/_api/session", timeout=20) as answer:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/_api/session", timeout=60) as answer:
                 assert answer.status == 200
         finally:
             os.killpg(process.pid, signal.SIGINT)
-            banner, errors = process.communicate(timeout=30)
+            banner, errors = process.communicate(timeout=60)
     assert process.returncode == 0
     assert errors.count(f"port {taken} is in use by process {os.getpid()} (") == 1 and "--rosbridge-port" in errors
     assert "rosbridge" not in banner, "it lists only what it serves"

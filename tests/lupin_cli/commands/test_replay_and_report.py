@@ -86,10 +86,10 @@ def test_interrupted_replay_leaves_no_process_and_exits_130(drive: Path) -> None
             assert time.monotonic() < deadline, "no player was started"
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
-        process.wait(30)
+        process.wait(60)
     finally:
         process.kill()
-        process.wait(10)
+        process.wait(60)
         process.stdout.close()
     assert process.returncode == 130
     assert not Path(profile).exists()

@@ -107,7 +107,7 @@ def test_watched_run_that_ends_gives_way_to_its_result() -> None:
     )
     assert json.loads(status("--json").stdout)["id"] == run_id  # it is up
     owner.kill()  # neither an outcome nor a last state
-    owner.wait(30)
+    owner.wait(60)
     out, err = watcher.communicate(timeout=60)
     owner.stdin.close()
     owner.stdout.close()

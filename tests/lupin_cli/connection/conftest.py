@@ -59,7 +59,7 @@ def start_sshd(directory: Path, port: int = 0, extra: str = "") -> tuple[subproc
     for name in ("host_ed25519", "id_ed25519"):
         if not (directory / name).exists():
             command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(directory / name)]
-            subprocess.run(command, check=True, timeout=20)
+            subprocess.run(command, check=True, timeout=60)
     (directory / "authorized_keys").write_text((directory / "id_ed25519.pub").read_text())
     port = port or free_port()
     config = directory / f"sshd_config_{port}"
@@ -87,7 +87,7 @@ def sshd(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sshd]:
     process, server = start_sshd(tmp_path_factory.mktemp("sshd"))
     yield server
     process.terminate()
-    process.wait(10)
+    process.wait(60)
 
 
 @pytest.fixture
@@ -97,4 +97,4 @@ def own_sshd(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Sshd]]:
     yield process, server
     process.send_signal(signal.SIGCONT)
     process.terminate()
-    process.wait(10)
+    process.wait(60)

@@ -190,14 +190,14 @@ def test_key_of_the_agent_logs_in(sshd: Sshd, tmp_path: Path, monkeypatch: pytes
         deadline = time.monotonic() + 20
         while not (tmp_path / "agent").exists() and time.monotonic() < deadline:
             time.sleep(0.02)
-        subprocess.run(["ssh-add", "-q", str(sshd.directory / "id_ed25519")], check=True, timeout=20)
+        subprocess.run(["ssh-add", "-q", str(sshd.directory / "id_ed25519")], check=True, timeout=60)
         destination = replace(sshd.destination, identity_files=(), identities_only=False)
         target = SshTarget("robot", destination, sshd.known_hosts())
         assert target.batch([Script("hello", "echo hello")])["hello"].stdout == "hello\n"
         target.close()
     finally:
         agent.terminate()
-        agent.wait(10)
+        agent.wait(60)
 
 
 @pytest.mark.parametrize(("command", "host"), [("true", "10.9.8.7"), ("false", "robot")])

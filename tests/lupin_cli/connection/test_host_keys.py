@@ -268,7 +268,7 @@ def test_file_of_revoked_keys_is_obeyed(sshd: Sshd, tmp_path: Path, kind: str) -
         elif kind == "malformed":
             file.write_text("nonsense\n")
         elif kind == "krl":
-            subprocess.run(["ssh-keygen", "-q", "-k", "-f", str(file), str(key)], check=True, timeout=20)
+            subprocess.run(["ssh-keygen", "-q", "-k", "-f", str(file), str(key)], check=True, timeout=60)
 
     revoke(public)
     fields = {"user_known_hosts": (str(users),), "revoked_host_keys": str(file)}
@@ -324,4 +324,4 @@ def test_weak_algorithm_is_not_agreed_on(tmp_path: Path, option: str) -> None:
             SshTarget("robot", sshd.destination, sshd.known_hosts()).connect()
     finally:
         process.terminate()
-        process.wait(10)
+        process.wait(60)

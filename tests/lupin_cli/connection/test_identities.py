@@ -41,13 +41,13 @@ def agent_of(tmp_path: Path) -> Iterator[AgentOf]:
         wait_until(path.exists, "the agent's socket")
         for key in keys:
             command = ["ssh-add", "-q", str(key)]
-            subprocess.run(command, check=True, timeout=20, env={"SSH_AUTH_SOCK": str(path), "PATH": "/usr/bin:/bin"})
+            subprocess.run(command, check=True, timeout=60, env={"SSH_AUTH_SOCK": str(path), "PATH": "/usr/bin:/bin"})
         return path
 
     yield start
     for process in started:
         process.terminate()
-        process.wait(10)
+        process.wait(60)
 
 
 def make_key(path: Path, passphrase: str = "", kind: str = "ed25519") -> Path:
@@ -64,7 +64,7 @@ def copy_encrypted(sshd: Sshd, path: Path) -> Path:
     shutil.copy(own_key(sshd), path)
     path.chmod(0o600)
     command = ["ssh-keygen", "-q", "-p", "-P", "", "-N", "a phrase", "-f", str(path)]
-    subprocess.run(command, check=True, timeout=20, capture_output=True)
+    subprocess.run(command, check=True, timeout=60, capture_output=True)
     return path
 
 
@@ -144,7 +144,7 @@ def certified(tmp_path: Path) -> Iterator[tuple[Sshd, Path]]:
     key = make_key(tmp_path / "signed", kind="rsa")
     authority = make_key(tmp_path / "authority")
     subprocess.run(
-        ["ssh-keygen", "-q", "-s", str(authority), "-I", "pot", "-n", "root,mirte", f"{key}.pub"], check=True, timeout=20
+        ["ssh-keygen", "-q", "-s", str(authority), "-I", "pot", "-n", "root,mirte", f"{key}.pub"], check=True, timeout=60
     )
     process, server = start_sshd(tmp_path, extra=f"TrustedUserCAKeys {authority}.pub\nAuthorizedKeysFile none\n")
     subprocess.run(
@@ -152,7 +152,7 @@ def certified(tmp_path: Path) -> Iterator[tuple[Sshd, Path]]:
     )
     yield server, key
     process.terminate()
-    process.wait(10)
+    process.wait(60)
 
 
 def test_certificate_logs_in(certified: tuple[Sshd, Path], agent_of: AgentOf, tmp_path: Path) -> None:

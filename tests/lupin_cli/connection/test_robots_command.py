@@ -115,7 +115,7 @@ def test_check_of_a_robot_that_fails_after_the_login(home: Path, tmp_path: Path,
         done = lupin(home, "robots", "check", "--json")
     finally:
         process.terminate()
-        process.wait(10)
+        process.wait(60)
     assert done.returncode == 1, done.stderr
     (answer,) = json.loads(done.stdout)
     assert answer["reached"] and problem in answer["error"] and answer["next_command"]

@@ -61,7 +61,7 @@ def assert_unharmed(victim: Path) -> None:
 def run_script(script: str, data: bytes = b"", programs: Path | None = None) -> subprocess.CompletedProcess[bytes]:
     path = f"{programs}:{os.environ['PATH']}" if programs else os.environ["PATH"]
     return subprocess.run(
-        ["/bin/sh", "-c", script], input=data, capture_output=True, env={"PATH": path, "HOME": "/root"}, timeout=20
+        ["/bin/sh", "-c", script], input=data, capture_output=True, env={"PATH": path, "HOME": "/root"}, timeout=60
     )
 
 

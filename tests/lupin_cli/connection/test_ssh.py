@@ -71,7 +71,7 @@ def test_scripts_of_a_batch_run_in_parallel(target: Target) -> None:
 def test_batch_output_cut_at_any_byte_is_complete_or_none() -> None:
     scripts = [Script("first", "echo one; echo oops >&2; exit 3"), Script("second", "seq 200")]
     program = batch_program(scripts, 10.0)
-    whole = subprocess.run(["/bin/sh", "-c", program.command], input=program.payload, capture_output=True, timeout=30).stdout
+    whole = subprocess.run(["/bin/sh", "-c", program.command], input=program.payload, capture_output=True, timeout=60).stdout
     expected = {"first": (3, "one\n"), "second": (0, "".join(f"{n}\n" for n in range(1, 201)))}
     seen = set()
     for length in range(len(whole) + 1):
@@ -92,7 +92,7 @@ def test_batch_works_with_old_and_new_base64(tmp_path: Path, base64: str) -> Non
     program = batch_program([Script("long", "seq 5000"), Script("none", "exit 7")], 10.0)
     environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
     ran = subprocess.run(
-        ["/bin/sh", "-c", program.command], input=program.payload, capture_output=True, timeout=30, env=environment
+        ["/bin/sh", "-c", program.command], input=program.payload, capture_output=True, timeout=60, env=environment
     )
     program.reader.feed(ran.stdout)
     outputs = program.reader.outputs("cut")
@@ -133,7 +133,7 @@ def test_batch_reads_the_clock_and_its_failure_clears_it(own_sshd: tuple[Popen[s
         assert float(reading.text) * 1e9 - 1e3 <= reading.received_ns <= time.time_ns()
         target.connect().close()
         process.kill()
-        process.wait(10)
+        process.wait(60)
         with pytest.raises(Unreachable):
             target.batch([Script("one", "echo one")])
         assert target.clock_reading is None
@@ -196,7 +196,7 @@ def test_batch_leaves_no_process_running(target: Target) -> None:
 
 
 def _running(command: str) -> bool:
-    listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, timeout=20).stdout
+    listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, timeout=60).stdout
     return any(line.strip() == command for line in listed.splitlines())
 
 
@@ -354,4 +354,4 @@ def test_local_batch_gives_up_on_script_that_cannot_be_killed(monkeypatch: pytes
     assert outputs["dead"].status is None and outputs["dead"].stdout == "begun\n" and outputs["fine"].stdout == "fine\n"
     (left,) = set(psutil.Process().children()) - set(before)
     killed(left.pid, signal.SIGKILL)
-    left.wait(10)
+    left.wait(60)

@@ -236,7 +236,7 @@ def impatient_sshd(tmp_path: Path) -> Iterator[tuple[Sshd, Callable[[], None]]]:
 
     yield server, wait_for_close
     process.terminate()
-    process.wait(10)
+    process.wait(60)
 
 
 def test_login_succeeds_after_a_host_key_question_of_minutes(

@@ -25,7 +25,7 @@ def sourced(home: Path) -> dict[str, str]:
     """Return the ROS variables of a new shell that has read ~/.bashrc."""
     program = ". ~/.bashrc; env -0"
     bare = {"HOME": str(home), "PATH": os.environ["PATH"], "PS1": "$ "}
-    done = subprocess.run(["bash", "-c", program], env=bare, capture_output=True, text=True, timeout=30, check=True)
+    done = subprocess.run(["bash", "-c", program], env=bare, capture_output=True, text=True, timeout=60, check=True)
     found = dict(line.split("=", 1) for line in done.stdout.split("\0") if "=" in line)
     return {name: value for name, value in found.items() if name.startswith(("ROS_", "RMW_", "FASTRTPS_"))}
 

@@ -236,7 +236,7 @@ def test_watch_prints_changes_and_exits_with_last_status(laptop: Laptop) -> None
             assert watching.stdout.readline() == "\n"
             assert "[port-9090-taken]" in watching.stdout.readline()
         watching.terminate()
-        watching.communicate(timeout=30.0)
+        watching.communicate(timeout=60)
         assert watching.returncode == 1
     finally:
         server.kill()

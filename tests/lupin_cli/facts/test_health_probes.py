@@ -81,7 +81,7 @@ def test_ros_process_has_the_name_of_its_parent(tmp_path: Path) -> None:
 def test_session_of_a_person_is_no_service(tmp_path: Path, group: str, unit: str) -> None:
     file = tmp_path / "cgroup"
     file.write_text(f"{group}\n")
-    done = subprocess.run([SHELL, "-c", f"{SERVICE_OF_GROUP} {file}"], capture_output=True, text=True, timeout=10)
+    done = subprocess.run([SHELL, "-c", f"{SERVICE_OF_GROUP} {file}"], capture_output=True, text=True, timeout=60)
     assert (done.stdout.strip(), done.stderr) == (unit, "")
 
 

@@ -112,8 +112,8 @@ class DelayedShell:
     def close(self) -> None:
         self.near.close()
         self._shell.terminate()
-        self._thread.join(10)
-        self._shell.communicate(timeout=10)
+        self._thread.join(60)
+        self._shell.communicate(timeout=60)
 
 
 @pytest.fixture
@@ -215,7 +215,7 @@ class NtpServer:
             self._socket.sendto(self._head + root + now + request[40:48] + now + now, client)
 
     def end(self) -> None:
-        self._thread.join(10)
+        self._thread.join(60)
 
 
 @pytest.mark.parametrize("ahead_s", [0.0, -287.5, 16_440.0])

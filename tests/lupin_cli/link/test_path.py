@@ -86,7 +86,7 @@ class Machine:
         return ["nsenter", "--target", str(self.holder.pid), "--net", "--mount", "--", *words]
 
     def run(self, *words: str) -> None:
-        done = subprocess.run(self.command(*words), capture_output=True, text=True, timeout=20)
+        done = subprocess.run(self.command(*words), capture_output=True, text=True, timeout=60)
         assert done.returncode == 0, f"{words}: {done.stderr}"
 
     def start(self, *words: str) -> subprocess.Popen[str]:
@@ -110,7 +110,7 @@ class Machine:
 
     def addresses(self) -> Addresses:
         """Return its addresses, as the doctor reads them."""
-        done = subprocess.run(self.command("sh", "-c", ADDRESSES.probe), capture_output=True, text=True, timeout=20)
+        done = subprocess.run(self.command("sh", "-c", ADDRESSES.probe), capture_output=True, text=True, timeout=60)
         return ADDRESSES.parse(Output(done.returncode, done.stdout, done.stderr))
 
     def drop(self, *selector: str) -> None:
@@ -455,7 +455,7 @@ def test_program_that_does_not_read_its_socket_is_named(cable: Cable) -> None:
 def test_agent_needs_nothing_of_lupin() -> None:
     command = [sys.executable, "-I", "-S", "-c", Path(path_agent.__file__).read_text(encoding="utf-8")]
     request = '{"do": "bound", "first": 0, "last": 0}\n'
-    done = subprocess.run(command, input=request, capture_output=True, text=True, timeout=20)
+    done = subprocess.run(command, input=request, capture_output=True, text=True, timeout=60)
     assert (done.stdout, done.stderr) == ("{}\n", "")
 
 

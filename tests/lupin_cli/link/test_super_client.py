@@ -81,7 +81,7 @@ def server(namespace: list[str], bare: dict[str, str]) -> Iterator[None]:
         time.sleep(0.05)
     yield
     process.terminate()
-    process.wait(20)
+    process.wait(60)
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def talker(server: None, namespace: list[str], bare: dict[str, str]) -> Iterator
     assert process.stdout.readline() == b"up\n"
     yield
     process.stdin.close()
-    process.wait(30)
+    process.wait(60)
     process.stdout.close()
 
 

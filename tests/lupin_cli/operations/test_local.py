@@ -211,7 +211,7 @@ def test_process_is_found_by_exact_name_and_command_line(target: LocalTarget, tm
             assert difference is not None and [entry[0] for entry in difference.before["ended"]] == [one.pid]
             operation.change(target, difference)
             assert examine(operation, target) is None
-            assert one.wait(5) == -15 and two.poll() is None and three.poll() is None
+            assert one.wait(60) == -15 and two.poll() is None and three.poll() is None
             with pytest.raises(OperationError, match="cannot be restored"):
                 operation.undo(target, difference.before)
         finally:
@@ -234,7 +234,7 @@ def test_process_ignoring_term_is_killed_if_start_matches(target: LocalTarget, t
             operation.change(target, another)
             assert process.poll() is None
             operation.change(target, difference)
-            assert process.wait(5) == -9
+            assert process.wait(60) == -9
         finally:
             process.kill()
 
@@ -265,7 +265,7 @@ def test_file_in_an_inaccessible_directory_needs_root(tmp_path: Path) -> None:
         "import os; os.setuid(65534)\n"
         f"examine(File(path={str(tmp_path / 'closed' / 'file')!r}, content='x'), LocalTarget('robot'))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert "cannot be examined by this user; the step needs: root: true" in done.stderr
 
 
@@ -297,7 +297,7 @@ def test_file_without_read_permission_is_an_error() -> None:
         "from tests.support.operation_cycle import examine\n"
         "import os; os.setuid(65534)\nprint(examine(File(path='/etc/shadow', mode='0640'), LocalTarget('robot')))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode != 0 and "Permission denied" in done.stderr, done.stdout
 
 

@@ -47,7 +47,7 @@ def run_restart(folder: Path, **programs: str) -> subprocess.CompletedProcess[st
         (folder / name).write_text(f"#!/bin/sh\n{text}\n")
         (folder / name).chmod(0o755)
     environment = {**os.environ, "PATH": f"{folder}:/usr/bin:/bin"}
-    return subprocess.run([SHELL, "-c", RESTART], capture_output=True, text=True, timeout=20, env=environment)
+    return subprocess.run([SHELL, "-c", RESTART], capture_output=True, text=True, timeout=60, env=environment)
 
 
 @pytest.mark.parametrize("state", ["active", "activating", "deactivating"])

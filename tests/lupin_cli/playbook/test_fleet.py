@@ -66,7 +66,7 @@ def test_serialized_target_runs_one_call_at_a_time() -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(10)
+        thread.join(60)
     assert laptop.max_calls == 1
 
 
@@ -84,7 +84,7 @@ def test_stop_reaches_robots_after_one_ran_its_always_steps(load_playbook: Calla
                 if name == "a":
                     stop.set()
                 else:
-                    assert a_has_ended.wait(30)
+                    assert a_has_ended.wait(60)
 
         result = play(
             playbook, {"robot": LocalTarget(name)}, {}, journal=tmp_path / "journal", stop=stop, on_event=stop_or_wait

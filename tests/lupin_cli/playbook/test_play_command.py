@@ -125,7 +125,7 @@ def test_interrupted_and_killed_runs_are_resumed(
         if number == signal.SIGINT:
             assert any("stopping after the current step" in line for line in lines)
         (tmp_path / "go").touch()
-        assert player.wait(30) == status
+        assert player.wait(60) == status
     assert not (tmp_path / "c").exists()
     resumed = lupin("play", playbook, "--resume")
     assert resumed.returncode == 0, resumed.stderr

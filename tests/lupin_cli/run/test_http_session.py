@@ -47,7 +47,7 @@ def serve(context: ssl.SSLContext, answer: bytes) -> Iterator[int]:
         with connection, context.wrap_socket(connection, server_side=True) as client:
             client.recv(4096)
             client.sendall(answer)
-            ended.wait(20.0)
+            ended.wait(60)
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.settimeout(20.0)

@@ -91,7 +91,7 @@ def test_page_server_ends_with_its_starter(checkout: Callable[[str], Path], port
     wait_until(lambda: listens(port), "the program that listens")
     starter.send_signal(number)
     with killed_at_the_end(starter):
-        starter.wait(10)
+        starter.wait(60)
     wait_until(lambda: not listens(port), "the end of the program that listens")
 
 
@@ -101,7 +101,7 @@ def test_interrupted_start_leaves_no_process(checkout: Callable[[str], Path], po
     wait_until(lambda: (root / "pid").exists() and (root / "pid").read_text(), "the start of the program")
     starter.send_signal(signal.SIGINT)
     with killed_at_the_end(starter):
-        starter.wait(10)
+        starter.wait(60)
     pid = int((root / "pid").read_text())
     wait_until(lambda: not psutil.pid_exists(pid), "the end of the program")
 

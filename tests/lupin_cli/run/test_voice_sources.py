@@ -62,7 +62,7 @@ class Heard:
         self.may_end = threading.Event()  # of a microphone that is silent until then
 
     def transcribe(self, sound: bytes) -> str:
-        assert sound and self.may_transcribe.wait(20.0)
+        assert sound and self.may_transcribe.wait(60)
         return self.texts.pop(0)
 
     def transcribe_window(self, sound: bytes) -> str:
@@ -90,7 +90,7 @@ class Heard:
             raise self.problem
 
     def hold(self) -> Iterator[bytes]:
-        assert self.may_end.wait(20.0)
+        assert self.may_end.wait(60)
         yield from ()
 
     async def hear(self, sound: bytes) -> list[str]:

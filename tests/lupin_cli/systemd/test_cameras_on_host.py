@@ -38,7 +38,7 @@ def shell(host: Host, script: str) -> str:
 
 def list_streams(host: Host) -> str:
     """Return what the video server lists, as text."""
-    program = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8091/streams', timeout=10).read().decode())"
+    program = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8091/streams', timeout=60).read().decode())"
     done = host.robot.run_as_root("/opt/lupin/current/venv/bin/python3", "-c", program, timeout_s=TIMEOUT_S)
     return done.stdout.strip()
 

@@ -94,6 +94,6 @@ def test_dollar_percent_and_quotes_survive_rendering() -> None:
     line = """export GREETING="100% of $HOME's" && echo "$GREETING" '"'"""
     command = parse_exec_start(units.render("lupin-onboard.service", {**VALID_VARIABLES, "set_up": [line]}))
     result = subprocess.run(
-        ["bash", "-c", command.rpartition("; ")[0]], env={"HOME": "/h"}, capture_output=True, text=True, timeout=10
+        ["bash", "-c", command.rpartition("; ")[0]], env={"HOME": "/h"}, capture_output=True, text=True, timeout=60
     )
     assert result.stdout == "100% of /h's \"\n"

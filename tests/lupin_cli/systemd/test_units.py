@@ -146,5 +146,5 @@ def test_stop_signals_only_the_supervisor_and_leaves_it_time(rendered: dict[str,
 
 
 def test_clock_script_is_posix_shell() -> None:
-    result = subprocess.run(["dash", "-n", units.TEMPLATES / "lupin-clock-sync.sh"], capture_output=True, text=True, timeout=10)
+    result = subprocess.run(["dash", "-n", units.TEMPLATES / "lupin-clock-sync.sh"], capture_output=True, text=True, timeout=60)
     assert (result.returncode, result.stderr) == (0, "")

@@ -78,7 +78,7 @@ def is_finished():
 if not spin_until(is_finished, 15.0):
     sys.exit(f"at rest {rest_s}, named {named_s}: {run.state()}")
 command = [sys.executable, "-m", "lupin_cli.app", "status", "--json"]
-status = subprocess.run(command, capture_output=True, text=True, timeout=30)
+status = subprocess.run(command, capture_output=True, text=True, timeout=60)
 shown = json.loads(status.stdout)
 reported = status.returncode != 0 and is_named(shown, shown.get("alarms", []))
 print(json.dumps({"rest_s": rest_s[0], "named_s": named_s[0], "reported": reported}), flush=True)

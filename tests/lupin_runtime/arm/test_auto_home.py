@@ -294,7 +294,7 @@ def test_environment_disables_auto_home(word: str) -> None:
         env={**os.environ, "LUPIN_AUTO_HOME": word},
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=60,
     )
     assert run.returncode == 0 and "the arm is not moved" in run.stdout
 

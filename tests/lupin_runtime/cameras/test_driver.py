@@ -20,7 +20,7 @@ from lupin_runtime.cameras.configuration import CameraConfiguration, Gripper
 from lupin_runtime.cameras.devices import GRIPPER
 from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, OFF, RUNNING
 from lupin_runtime.cameras.holders import find_holders, terminate
-from tests.support.waiting import wait_for_nothing, wait_until
+from tests.support.waiting import WAIT_S, wait_for_nothing, wait_until
 
 # Keeps the file in its first argument open, as a camera driver does; with a second argument it ignores all signals but SIGKILL.
 HOLD = """#!{python}
@@ -111,7 +111,7 @@ def camera_driver(tmp_path: Path) -> Iterator[Callable[..., None]]:
     yield start
     ended.set()
     for thread in threads:
-        thread.join(20.0)
+        thread.join(WAIT_S)
         assert not thread.is_alive()
 
 
@@ -139,14 +139,14 @@ def test_driver_is_terminated_by_its_pid(
     process = hold("usb_cam_node_exe", device, *deaf)
     (holder,) = find_holders([device])
     assert terminate(holder)
-    process.wait(5.0)
+    process.wait(WAIT_S)
     assert terminate(holder), "it has already exited"
 
 
 def test_vendors_driver_is_replaced(device: Path, hold: Hold, ros2: Path, camera_driver: Callable[..., None]) -> None:
     vendor = hold("usb_cam_node_exe", device)
     camera_driver()
-    vendor.wait(20.0)
+    vendor.wait(WAIT_S)
     wait_until(lambda: ros2.read_text().count("\n") == 1, "the start of our driver")
     wait_until(lambda: len(find_holders([device])) == 1, "our driver on the device")
 
@@ -187,7 +187,7 @@ def test_stopping_leaves_no_process(device: Path, ros2: Path, tmp_path: Path) ->
     thread.start()
     wait_until(lambda: find_holders([device]), "the driver on the device")
     ended.set()
-    thread.join(20.0)
+    thread.join(WAIT_S)
     assert not thread.is_alive() and ros2.read_text().count("\n") == 1
     wait_until(lambda: find_holders([device]) == [], "the end of the driver")
 

@@ -22,7 +22,7 @@ from lupin_runtime.console import dual_port
 from lupin_runtime.console.dual_port import DualPort
 from lupin_runtime.console.runner import Runner
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 
 
 @pytest.fixture

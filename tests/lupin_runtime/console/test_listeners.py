@@ -41,7 +41,7 @@ def test_localhost_answers_over_both_protocols(opened: list[socket.socket], host
     opened += listen(host, 0)
     port = opened[0].getsockname()[1]
     for address in ("127.0.0.1", "::1"):
-        socket.create_connection((address, port), timeout=5.0).close()
+        socket.create_connection((address, port), timeout=60).close()
     if host:
         assert addresses(opened) == {"127.0.0.1", "::1"}
 
@@ -73,6 +73,6 @@ def test_port_that_is_taken_on_either_address_is_refused(opened: list[socket.soc
     with pytest.raises(OSError, match="in use") as refused:
         listen("localhost", port)
     assert refused.value.errno == errno.EADDRINUSE
-    socket.create_connection((taken, port), timeout=5.0).close()  # the other address was let go
+    socket.create_connection((taken, port), timeout=60).close()  # the other address was let go
     free = "127.0.0.1" if ":" in taken else "::1"
     opened.append(socket.create_server((free, port), family=socket.AF_INET6 if ":" in free else socket.AF_INET))

@@ -245,7 +245,7 @@ def test_installed_page_is_served_and_only_its_assets_are_cached(console: Consol
 
 
 def test_silent_client_does_not_block_others(console: Console) -> None:
-    silent = [socket.create_connection(("127.0.0.1", console.port), timeout=20) for _ in range(100)]
+    silent = [socket.create_connection(("127.0.0.1", console.port), timeout=60) for _ in range(100)]
     assert Browser(console.port).get("/_api/session")["session"]
     for connection in silent:
         connection.close()

@@ -69,7 +69,7 @@ def browser(graph_host: GraphHost, run: Run) -> Iterator[Browser]:
 
 
 def ask(browser: Browser, run: Run, query: str) -> tuple[int, bytes, str]:
-    connection = http.client.HTTPConnection("127.0.0.1", browser.port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", browser.port, timeout=60)
     connection.request("GET", f"/_api/runs/{run.id}/recording/window{query}")
     answer = connection.getresponse()
     body = answer.read()

@@ -73,7 +73,7 @@ def test_state_of_the_run_is_pushed(browser: Browser, run: Run) -> None:
 
 
 def test_recording_is_served_in_ranges(browser: Browser, run: Run) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", browser.port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", browser.port, timeout=60)
     connection.request("GET", f"/_api/runs/{run.id}/recording", headers={"Range": "bytes=1000-1999"})
     answer = connection.getresponse()
     assert (answer.status, answer.read()) == (206, RECORDING[1000:2000])
@@ -91,7 +91,7 @@ def test_report_cannot_reach_the_console(browser: Browser, run: Run) -> None:
 
 def test_end_of_log_is_served_as_text(browser: Browser, run: Run) -> None:
     assert browser.get(f"/_api/runs/{run.id}/logs") == ["nav"]
-    connection = http.client.HTTPConnection("127.0.0.1", browser.port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", browser.port, timeout=60)
     connection.request("GET", f"/_api/runs/{run.id}/logs/nav")
     answer = connection.getresponse()
     log = answer.read()

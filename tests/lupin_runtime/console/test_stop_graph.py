@@ -77,7 +77,7 @@ def busy_executor(console: Console) -> Iterator[threading.Event]:
         finish_work.wait()
 
     console._server._bridge._ros.run(work)
-    assert started.wait(20.0)
+    assert started.wait(60)
     yield finish_work
     finish_work.set()
 

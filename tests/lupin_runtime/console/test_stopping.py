@@ -104,7 +104,7 @@ def silent(console: Process) -> Iterator[list[socket.socket]]:
     with ExitStack() as opened:
         targets = ((console.rosbridge_port, "/"), (console.port, "/_ros"), (console.port, "/_api/events"))
         clients = [opened.enter_context(open_raw_websocket(port, path)) for port, path in targets]
-        clients.append(opened.enter_context(socket.create_connection(("127.0.0.1", console.port), timeout=20.0)))
+        clients.append(opened.enter_context(socket.create_connection(("127.0.0.1", console.port), timeout=60)))
         clients.append(opened.enter_context(open_raw_websocket(console.rosbridge_port, "/", receive_buffer=4096)))
         yield clients
 

@@ -37,7 +37,7 @@ def claim_domain_and_release() -> int:
 
 def test_domain_claim_ends_with_its_process() -> None:
     code = "from lupin_runtime.stack.dds import claim_domain; import os; print(claim_domain().domain, flush=True); os.abort()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     domain = int(done.stdout)
     claim_domain(domain).release()
 
@@ -78,7 +78,7 @@ made = {name for name in set(os.listdir('/dev/shm')) - before if 'fastrtps' in n
 print(sorted(addresses), sorted(made), flush=True)
 os._exit(0)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     addresses, made = done.stdout.strip().rsplit(" ", 1)
     assert made == "[]"

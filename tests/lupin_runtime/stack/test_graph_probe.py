@@ -73,7 +73,7 @@ def robot(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
     for process in running:
         process.send_signal(signal.SIGCONT)
         process.terminate()
-        process.wait(timeout=20)
+        process.wait(timeout=60)
 
 
 @pytest.mark.graph

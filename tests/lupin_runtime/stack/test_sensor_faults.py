@@ -52,9 +52,9 @@ def survive(run: Any, inject: Callable[[str], None], fault: SensorFault) -> None
     before = run.log(fault.process).count(fault.message)
     inject(fault.order)
     if fault.message:
-        run.wait(lambda: run.log(fault.process).count(fault.message) > before, f"word of {fault.order}", 60.0)
+        run.wait(lambda: run.log(fault.process).count(fault.message) > before, f"word of {fault.order}")
     if fault.stops:
-        run.wait(lambda: run.speed_m_s() < AT_REST_M_S, f"standing still under {fault.order}", 30.0)
+        run.wait(lambda: run.speed_m_s() < AT_REST_M_S, f"standing still under {fault.order}")
         stays_at_rest(run)
     else:
         seen = run.simulator()["sim_time_s"]

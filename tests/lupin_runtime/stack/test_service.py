@@ -25,7 +25,7 @@ BEATING = (
     "channel = Supervision(); channel.start()\n"
     "while True:\n    channel.beat(time.monotonic_ns(), 'node'); time.sleep(0.1)"
 )
-TIMEOUT_S = 30.0
+TIMEOUT_S = 60.0
 
 
 class FakeNotifier:

@@ -26,7 +26,7 @@ from lupin_runtime.stack.stage import LIVENESS_FAILED, Phase
 from lupin_runtime.stack.supervisor import Supervisor
 from lupin_runtime.stack.table import ProcessRow
 from lupin_runtime.stack.takeover import claim_place, holder_of
-from tests.support.waiting import wait_for_nothing, wait_until
+from tests.support.waiting import WAIT_S, wait_for_nothing, wait_until
 
 STAY = "import sys; sys.stdin.read()"
 
@@ -373,9 +373,9 @@ def test_child_exits_if_a_killed_supervisor_left_beats_unread() -> None:
     orphan = psutil.Process(int(supervisor.stdout.readline()))
     wait_for_nothing(0.5, "an answer to the heartbeats that the child sends meanwhile")
     supervisor.kill()
-    supervisor.wait(5.0)
+    supervisor.wait(WAIT_S)
     supervisor.stdout.close()
-    psutil.wait_procs([orphan], timeout=10.0)
+    psutil.wait_procs([orphan], timeout=WAIT_S)
     assert not orphan.is_running() or orphan.status() == psutil.STATUS_ZOMBIE
 
 
@@ -390,9 +390,9 @@ def test_children_exit_when_their_supervisor_is_killed() -> None:
     assert supervisor.stdout is not None
     orphan = psutil.Process(int(supervisor.stdout.readline()))
     supervisor.kill()
-    supervisor.wait(5.0)
+    supervisor.wait(WAIT_S)
     supervisor.stdout.close()
-    psutil.wait_procs([orphan], timeout=10.0)
+    psutil.wait_procs([orphan], timeout=WAIT_S)
     assert not orphan.is_running() or orphan.status() == psutil.STATUS_ZOMBIE
 
 

@@ -15,6 +15,8 @@ from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.host
 
+LOST_AFTER_S = 1.0
+
 
 def connect(host: Host, port: int = 22, timeout_s: float = 1.0, address: str = "10.42.0.1") -> str:
     """Return the first bytes of a TCP connection from the laptop, or the name of its error."""
@@ -30,13 +32,13 @@ def connect(host: Host, port: int = 22, timeout_s: float = 1.0, address: str = "
 
 
 def round_trip_ms(host: Host) -> float:
-    """Return the shortest time of four attempts to connect to sshd; infinite if each failed or took more than a second."""
+    """Return the shortest time of four attempts to connect to sshd; infinite if each failed or took LOST_AFTER_S."""
     best = float("inf")
     for _ in range(4):
         with host.on_laptop():
             start = time.monotonic()
             try:
-                socket.create_connection(("10.42.0.1", 22), timeout=1.0).close()
+                socket.create_connection(("10.42.0.1", 22), timeout=LOST_AFTER_S).close()
             except OSError:
                 continue
             best = min(best, (time.monotonic() - start) * 1e3)
@@ -216,7 +218,7 @@ def test_no_multicast_still_passes_unicast(host: Host) -> None:
                 sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("10.42.0.2"))
                 sender.sendto(b"group", ("239.255.0.1", 7400))
                 sender.sendto(b"one", ("10.42.0.1", 7400))
-            received[broken] = listener.communicate(timeout=20)[0].split()
+            received[broken] = listener.communicate(timeout=60)[0].split()
     host.robot.undo_fault("no-multicast")
     assert received == {False: ["group", "one"], True: ["one"]}
 
@@ -245,7 +247,7 @@ def count_datagrams(host: Host, port: int = 7413) -> tuple[int, int]:
                 sender.sendto(f"datagram {number}".encode(), ("10.42.0.1", port))
                 time.sleep(0.001)  # faster, the emulator's socket could overflow
         total, different = listener.stdout.readline().split()
-        listener.wait(20)
+        listener.wait(60)
     return int(total), int(different)
 
 
@@ -282,7 +284,7 @@ def test_dual_homed_laptop_has_no_route_and_sends_no_dds_data(host: Host) -> Non
             assert listener.stdout is not None
             listener.stdout.readline()
             host.run(["python3", "-c", code])
-            assert listener.communicate(timeout=20)[0] == ""
+            assert listener.communicate(timeout=60)[0] == ""
     assert host.ssh("true").returncode == 0
 
 

@@ -66,7 +66,7 @@ def test_next_start_removes_what_a_killed_daemon_left(boot_host: Callable[..., H
     assert daemon is not None
     os.kill(daemon.pid, 9)
     assert first._process is not None
-    first._process.wait(10)
+    first._process.wait(60)
     wait_until(lambda: not [trace for trace in traces(name) if "nspawn" in trace], "the end of the robot")
     second = boot_host(name=name)
     assert second.ssh("true").returncode == 0

@@ -59,7 +59,7 @@ def test_units_are_active_and_hold_the_vendors_ports(host: Host) -> None:
     listening = host.ssh("sudo ss -lntu").stdout
     for endpoint in ("%wlan0:67", "*:80", "[::1]:8181", "0.0.0.0:9090", "0.0.0.0:8888"):
         assert endpoint in listening
-    with host.on_laptop(), urlopen("http://10.42.0.1/", timeout=5) as page:
+    with host.on_laptop(), urlopen("http://10.42.0.1/", timeout=60) as page:
         assert page.read() == b"MIRTE\n"
 
 

@@ -26,7 +26,7 @@ FLAGS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync --remote-debugging-port=0"
 )
-TIMEOUT_S = 30.0
+TIMEOUT_S = 60.0
 
 
 class Browser:
@@ -134,10 +134,10 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     finally:
         os.killpg(process.pid, 15)
         try:
-            process.wait(10)
+            process.wait(TIMEOUT_S)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, 9)
-            process.wait(10)
+            process.wait(TIMEOUT_S)
         if process.stderr is not None:
             process.stderr.close()
 
