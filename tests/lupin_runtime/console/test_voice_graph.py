@@ -283,6 +283,7 @@ def test_locations_are_saved_listed_and_gone_to(
     assert names == [{"untrusted": "home"}, {"untrusted": "row 3"}]
     assert voice.call("nav_goto_named", name="the moon")["locations"] == names
     assert voice.confirm("nav_goto_named", name="Row 3")["ok"]
+    graph_host.until(lambda: robot.goals, what="the goal")  # of which the next one takes the place
     assert voice.confirm("nav_goto", x=-1, y=0.5, yaw=3.1416)["ok"]
     graph_host.until(lambda: len(robot.goals) == 2, what="the goals")
     assert [goal.pose.position.x for goal in robot.goals] == [1.0, -1.0]
