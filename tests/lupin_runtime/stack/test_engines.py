@@ -186,8 +186,9 @@ def test_goal_reaches_nav2_and_its_death_is_named(
     assert run.state()["alarms"] == [] and "Nav2" in run.lupin("status").stdout
     nav = psutil.Process(run.stage("nav")["pid"])
     programs = nav.children()
+    known = len(run.state()["deaths"])
     next(each for each in programs if "controller_server" in each.cmdline()).kill()
-    death = run.until(lambda state: len(state["deaths"]) > 1, "a second death")["deaths"][1]
+    death = run.until(lambda state: len(state["deaths"]) > known, "another death")["deaths"][known]
     assert "controller_server was killed by SIGKILL" in death["status"]
     assert (death["stage"], death["consequence"]) == ("nav", "restarted")
     run.wait(lambda: all(map(has_ended, programs)), "the end of every program of the old process, beside which none may run")
