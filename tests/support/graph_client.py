@@ -57,7 +57,8 @@ class GraphClient:
     def within(self, function: Callable[[], Any]) -> Any:
         """Run a function on the spinning thread, as action clients require, and return its value."""
         task = self._executor.create_task(function)
-        self.until(task.done, "free executor")
+        # Woken again and again: Fast DDS may lose a wake-up of another thread.
+        wait_until(task.done, "free executor", interval_s=0.01, each=self._executor.wake)
         return task.result()
 
     def publisher(self, row: graph.Topic, number: int = 0) -> Any:

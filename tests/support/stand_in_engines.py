@@ -167,6 +167,19 @@ def main(executable: str) -> None:
 
             self.servers.append(ActionServer(self, kind, name, execute, goal_callback=accept, cancel_callback=cancel))
 
+        async def found(self, client: Any) -> Any:
+            """Return an action client once its server is there; what is sent before is lost."""
+            is_there: Future = Future(executor=self.executor)
+
+            def look() -> None:
+                if client.server_is_ready():
+                    timer.cancel()
+                    is_there.set_result(None)
+
+            timer = self.create_timer(0.02, look, clock=steady)
+            await is_there
+            return client
+
         def on_configure(self, state: Any) -> TransitionCallbackReturn:
             """Create what the program serves."""
             self.configure()
@@ -223,10 +236,12 @@ def main(executable: str) -> None:
             self.serve("navigate_to_pose", NavigateToPose, self.navigate, self.cancel)
 
         async def navigate(self, goal: Any) -> Any:
-            planned = await (
-                await self.planner.send_goal_async(ComputePathToPose.Goal(goal=goal.request.pose))
-            ).get_result_async()
-            self.following = await self.controller.send_goal_async(FollowPath.Goal(path=planned.result.path))
+            planner, controller = await self.found(self.planner), await self.found(self.controller)
+            self.get_logger().info("planning")
+            planning = await planner.send_goal_async(ComputePathToPose.Goal(goal=goal.request.pose))
+            planned = await planning.get_result_async()
+            self.following = await controller.send_goal_async(FollowPath.Goal(path=planned.result.path))
+            self.get_logger().info("following")
             followed = await self.following.get_result_async()
             if goal.is_cancel_requested:
                 goal.canceled()

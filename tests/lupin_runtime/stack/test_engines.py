@@ -26,6 +26,7 @@ from lupin_runtime.stack.engines import NAV2, SLAM_TOOLBOX, find_problem
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.table import TABLE, launch, rows
 from tests.support.stand_in_engines import EVERYWHERE, install, parameter_mistakes
+from tests.support.waiting import wait_until
 
 BOTH = Options(system_engines=("nav2", "slam"))
 
@@ -168,7 +169,7 @@ def test_goal_reaches_nav2_and_its_death_is_named(
     ended_early = (GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 
     def status(result: Any) -> int:
-        return int(client.until(result.done, "the goal's end") and result.result().status)
+        return int(wait_until(result.done, lambda: f"the goal's end: {run.log('nav')[-3000:]}") and result.result().status)
 
     assert status(send(1.0)) == GoalStatus.STATUS_SUCCEEDED
     in_lost_map = send(100.0)
