@@ -280,7 +280,7 @@ def test_hung_node_is_replaced_although_its_process_sends_beats(supervise: Any) 
 def test_up_process_without_any_heartbeat_is_replaced(supervise: Any) -> None:
     supervisor = supervise(FakeMonitor(), row("body", STAY, sends_heartbeats=True))
     until(supervisor, lambda: bool(supervisor.deaths))
-    assert supervisor.deaths[0].status.startswith("did not respond for 2.")
+    assert re.match(r"did not respond for \d+\.\d s", supervisor.deaths[0].status)
 
 
 def test_process_without_heartbeats_is_never_silent(supervise: Any) -> None:
