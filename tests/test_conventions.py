@@ -120,10 +120,11 @@ def elapsed_assertions(source: str) -> list[int]:
 def is_elapsed(node: ast.expr) -> bool:
     if isinstance(node, ast.Name):
         return node.id in DURATIONS
-    if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub) and isinstance(node.left, ast.Call)):
-        return False
-    function = node.left.func
-    return isinstance(function, ast.Attribute) and function.attr in CLOCKS
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub) and is_clock(node.left)
+
+
+def is_clock(node: ast.expr) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in CLOCKS
 
 
 def test_no_test_asserts_how_long_something_took() -> None:
@@ -169,7 +170,26 @@ def test_no_test_sleeps_and_hopes() -> None:
     assert found == [], "tests.support.waiting has wait_until and wait_for_nothing"
 
 
+def own_loops(source: str) -> list[int]:
+    """Return the lines of the loops that wait until a deadline of their own."""
+    return [
+        loop.lineno
+        for loop in ast.walk(ast.parse(source))
+        if isinstance(loop, ast.While)
+        for compared in ast.walk(loop)
+        if isinstance(compared, ast.Compare) and any(is_clock(side) for side in (compared.left, *compared.comparators))
+    ]
+
+
+def test_tests_wait_by_one_loop() -> None:
+    files = sorted({*(ROOT / "tests").rglob("test_*.py"), *(ROOT / "tests").rglob("conftest.py")})
+    found = [f"{path.relative_to(ROOT)}:{line}" for path in files for line in own_loops(path.read_text(encoding="utf-8"))]
+    assert found == [], "tests.support.waiting has wait_until"
+
+
 def test_rule_finds_what_it_forbids() -> None:
+    assert own_loops("end = 5\nwhile not done:\n    assert time.monotonic() < end\n") == [2]
+    assert own_loops("while not over.wait(0.1):\n    send(time.monotonic())\n") == []
     assert list(bare_sleeps(ast.parse("def test_it():\n    start()\n    time.sleep(0.2)\n    assert done\n"))) == [3]
     assert not list(bare_sleeps(ast.parse("def test_it():\n    def slow():\n        time.sleep(0.2)\n    run(slow)\n")))
     forbidden = "def test():\n    began = time.monotonic()\n    assert done and time.monotonic() - began < 2.0\n"

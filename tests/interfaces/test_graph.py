@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import math
-import time
 from typing import Any
 
 import pytest
@@ -21,7 +20,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float32
 
-from tests.support.waiting import WAIT_S
+from tests.support.waiting import WAIT_S, wait_until
 
 pytestmark = pytest.mark.graph
 
@@ -62,10 +61,7 @@ def receive(node_and_executor: Any, message_type: type, topic: str, **options: A
     node, executor = node_and_executor
     received: list[Any] = []
     node.create_subscription(message_type, topic, received.append, LATCHED, **options)
-    deadline = time.monotonic() + WAIT_S
-    while not received and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.1)
-    assert received, f"no message on {topic} within {WAIT_S} s"
+    wait_until(lambda: received, f"a message on {topic}", interval_s=0.0, each=lambda: executor.spin_once(timeout_sec=0.1))
     return received[0]
 
 

@@ -25,8 +25,8 @@ from lupin_runtime import graph
 from lupin_runtime.drive.twist import ZERO, encode
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.interfaces import interface
+from tests.support.waiting import wait_until
 
-MATCH_TIMEOUT_S = 45.0
 # Roles that execute one command: the first three are for the simulated robot, the last for the controller manager.
 COMMANDS = ("sim", "battery", "press", "switch")
 
@@ -40,11 +40,10 @@ class Participant:
         self.node = LupinNode(f"participant_{role}")
 
     def wait_until(self, condition: Callable[[], Any]) -> None:
-        deadline = time.monotonic() + MATCH_TIMEOUT_S
-        while not condition():
-            if time.monotonic() > deadline:
-                sys.exit(f"{self.role}: no counterpart on the graph after {MATCH_TIMEOUT_S:g} s")
+        def spin() -> None:
             rclpy.spin_once(self.node, timeout_sec=0.05)
+
+        wait_until(condition, f"a counterpart of the role {self.role} on the graph", interval_s=0.0, each=spin)
 
     def repeat(self, row: Any, message: Any, period_s: float = 0.05) -> None:
         publisher = self.node.publisher(row)

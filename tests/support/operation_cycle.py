@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,6 +10,7 @@ from lupin_cli.connection.base import Target
 from lupin_cli.operations import Difference, Operation
 from lupin_cli.operations.restored_state import read_digests
 from lupin_cli.operations.shell import observe
+from tests.support.waiting import wait_until
 
 
 def examine(operation: Operation, target: Target) -> Difference | None:
@@ -41,10 +41,7 @@ def wait_until_settled(operation: Operation, target: Target, before: Mapping[str
     """Wait until the operation would change nothing, like the engine; `before` is the state before the step."""
     if before is not None:
         operation = operation.with_baseline(before)
-    deadline = time.monotonic() + 60.0
-    while (difference := examine(operation, target)) is not None:
-        assert time.monotonic() < deadline, difference
-        time.sleep(0.1)
+    wait_until(lambda: examine(operation, target) is None, lambda: f"no difference: {examine(operation, target)}")
 
 
 def apply_and_undo(operation: Operation, target: Target) -> Difference:

@@ -18,7 +18,7 @@ def wait_for_nothing(seconds: float, _what: str) -> None:
 
 
 def wait_until(
-    condition: Callable[[], T],
+    condition: Callable[[], T | None],
     what: str | Callable[[], str],
     timeout_s: float = WAIT_S,
     interval_s: float = 0.05,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -20,6 +19,7 @@ from lupin_sim.host.fixtures import boot_or_skip
 from lupin_sim.host.host import PROJECT
 from tests.support.findings import assert_findings_match_rows
 from tests.support.laptop import Laptop, killed_after
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.host
 
@@ -64,15 +64,18 @@ class GraphLaptop(Laptop):
         with self.participant(*words):
             pass
 
-    def wait_for_findings(self, *expected: str, limit_s: float = 90.0) -> Graph:
+    def wait_for_findings(self, *expected: str) -> Graph:
         """Visit the graph until exactly these are the root causes. A robot whose stack is starting needs time."""
-        deadline = time.monotonic() + limit_s
-        while True:
+        seen = ""
+
+        def find() -> Graph | None:
+            nonlocal seen
             graph, diagnosis = self.visit()
             ids = sorted(root.finding.id for root in diagnosis.roots)
-            if ids == sorted(expected) and graph.calls:
-                return graph
-            assert time.monotonic() < deadline, f"found {ids}, expected {list(expected)}; {graph.samples} {graph.calls}"
+            seen = f"found {ids}, expected {list(expected)}; {graph.samples} {graph.calls}"
+            return graph if ids == sorted(expected) and graph.calls else None
+
+        return wait_until(find, lambda: seen, timeout_s=90.0)
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,13 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.graph
 
@@ -77,11 +78,8 @@ class Sandbox:
 
     def stale_process(self) -> dict[str, Any]:
         """Wait until a dry run plans to terminate exactly one process, and return it."""
-        deadline = time.monotonic() + TIMEOUT_S
-        while not (found := self.sweep("--dry-run")[1]["culprits"]):
-            assert time.monotonic() < deadline, "no stale process was found"
         process: dict[str, Any]
-        (process,) = found
+        (process,) = wait_until(lambda: self.sweep("--dry-run")[1]["culprits"], "a stale process")
         return process
 
     def is_alive(self, pid: int) -> bool:
@@ -126,9 +124,8 @@ def test_memory_of_killed_process_is_removed_of_live_one_kept(sandbox: Sandbox) 
     # The kernel releases the files of a killed process one by one, and the live process may take over a dead one's port file.
     dead_files = dying_files - live_files
     segments = {name for name in dead_files if "port" not in name}
-    deadline = time.monotonic() + TIMEOUT_S
-    while not segments <= files_of(plan, "orphans") and time.monotonic() < deadline:
-        status, plan = sandbox.sweep("--dry-run")
+    wait_until(lambda: segments <= files_of(sandbox.sweep("--dry-run")[1], "orphans"), "all segments of the dead process")
+    status, plan = sandbox.sweep("--dry-run")
     assert status == 1 and segments and segments <= files_of(plan, "orphans") <= dead_files
     assert segments | live_files <= sandbox.files() <= dying_files | live_files  # it was a dry run
     status, result = sandbox.sweep()

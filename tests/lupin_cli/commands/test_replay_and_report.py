@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,7 @@ from lupin_runtime import graph
 from lupin_runtime.record.definitions import schema_text
 from lupin_runtime.record.writer import RecordingWriter
 from tests.support.rosbag2_folders import write_metadata
+from tests.support.waiting import wait_until
 
 BOOL_TRUE = b"\x00\x01\x00\x00\x01"
 
@@ -81,10 +81,7 @@ def test_interrupted_replay_leaves_no_process_and_exits_130(drive: Path) -> None
                 break
         profile = next(word for word in line.split() if word.startswith("FASTRTPS")).split("=", 1)[1]
         assert Path(profile).exists()
-        deadline = time.monotonic() + 20.0
-        while not (players := children(process.pid)):
-            assert time.monotonic() < deadline, "no player was started"
-            time.sleep(0.05)
+        players = wait_until(lambda: children(process.pid), "a player")
         process.send_signal(signal.SIGINT)
         process.wait(60)
     finally:

@@ -8,7 +8,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import pytest
 
 from lupin_cli.connection.destination import Destination
 from lupin_cli.connection.host_keys import KnownHosts
+from tests.support.waiting import wait_until
 
 
 @dataclass
@@ -70,16 +70,15 @@ def start_sshd(directory: Path, port: int = 0, extra: str = "") -> tuple[subproc
     )
     with (directory / "sshd.log").open("ab") as log:
         process = subprocess.Popen([program, "-D", "-e", "-f", str(config)], stdin=subprocess.DEVNULL, stderr=log)
-    deadline = time.monotonic() + 20
-    while time.monotonic() < deadline:
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                key = " ".join((directory / "host_ed25519.pub").read_text().split()[:2])
-                return process, Sshd(port, directory, key)
+
+    def listens() -> bool:
         assert process.poll() is None, (directory / "sshd.log").read_text()
-        time.sleep(0.02)
-    process.kill()
-    raise AssertionError("sshd did not come up")
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", port)) == 0
+
+    wait_until(listens, "sshd", interval_s=0.02)
+    key = " ".join((directory / "host_ed25519.pub").read_text().split()[:2])
+    return process, Sshd(port, directory, key)
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ from lupin_cli.connection.base import AuthenticationFailed, RootRefused, Script,
 from lupin_cli.connection.destination import Destination
 from lupin_cli.connection.host_keys import KnownHosts
 from lupin_cli.connection.ssh import SshTarget
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
@@ -121,18 +121,17 @@ def test_target_reconnects_after_robot_reboots_during_run(fresh_host: Host) -> N
     with ssh_target(fresh_host, timeout_s=2.0) as target:
         before = target.run("cat /proc/sys/kernel/random/boot_id").stdout
         assert target.run("systemctl reboot; sleep 60", root=True, timeout_s=30).status is None
-        deadline = time.monotonic() + 60
         kinds = set()
-        while time.monotonic() < deadline:
+
+        def is_back() -> bool:
             try:
                 after = target.batch([Script("id", "cat /proc/sys/kernel/random/boot_id")], timeout_s=5)["id"].stdout
             except Unreachable as error:
                 kinds.add(error.kind)
-                continue
-            if after and after != before:
-                break
-        else:
-            pytest.fail(f"the robot did not come back: {kinds}")
+                return False
+            return after not in ("", before)
+
+        wait_until(is_back, lambda: f"the robot after its reboot: {kinds}")
         assert kinds <= {"timeout", "refused", "lost", "silent", "no-route"}
 
 

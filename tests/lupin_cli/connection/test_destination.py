@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ from lupin_cli.connection.base import Script, SshConfigUnusable
 from lupin_cli.connection.connect import unreachable
 from lupin_cli.connection.destination import Destination, parse_destination, resolve
 from lupin_cli.connection.ssh import SshTarget
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from tests.lupin_cli.connection.conftest import Sshd
@@ -187,9 +187,7 @@ def test_key_of_the_agent_logs_in(sshd: Sshd, tmp_path: Path, monkeypatch: pytes
     agent = subprocess.Popen(["ssh-agent", "-D", "-a", str(tmp_path / "agent")], stdout=subprocess.DEVNULL)
     try:
         monkeypatch.setenv("SSH_AUTH_SOCK", str(tmp_path / "agent"))
-        deadline = time.monotonic() + 20
-        while not (tmp_path / "agent").exists() and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_until((tmp_path / "agent").exists, "the agent's socket")
         subprocess.run(["ssh-add", "-q", str(sshd.directory / "id_ed25519")], check=True, timeout=60)
         destination = replace(sshd.destination, identity_files=(), identities_only=False)
         target = SshTarget("robot", destination, sshd.known_hosts())

@@ -21,6 +21,7 @@ from lupin_cli.connection.batch_protocol import STDOUT_CAP_BYTES, FrameReader, b
 from lupin_cli.connection.exec_stream import HEAD_BYTES, LINE_CHARACTERS, TAIL_BYTES, OutputCollector
 from lupin_cli.connection.local import LocalTarget
 from lupin_cli.connection.ssh import SshTarget
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from tests.lupin_cli.connection.conftest import Sshd
@@ -189,10 +190,7 @@ def test_root_script_runs_as_root(target: Target) -> None:
 def test_batch_leaves_no_process_running(target: Target) -> None:
     mark = f"3{os.getpid()}{time.monotonic_ns() % 1000}"
     target.batch([Script("a", f"sleep {mark} & sleep {mark}", 1.0)], timeout_s=20)
-    deadline = time.monotonic() + 15
-    while time.monotonic() < deadline and _running(f"sleep {mark}"):
-        time.sleep(0.05)
-    assert not _running(f"sleep {mark}")
+    wait_until(lambda: not _running(f"sleep {mark}"), "the end of all processes of the batch")
 
 
 def _running(command: str) -> bool:

@@ -384,12 +384,6 @@ def test_half_open_connection_is_given_up_at_the_timeout(sshd: Sshd) -> None:
         relay.heal()
 
 
-def _wait_for(path: Path, limit_s: float = 30.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not path.exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
-
-
 @pytest.mark.parametrize("what", ["run", "batch"])
 def test_silent_connection_is_given_up_before_a_long_timeout(
     sshd: Sshd, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -401,7 +395,7 @@ def test_silent_connection_is_given_up_before_a_long_timeout(
         target = SshTarget("robot", replace(sshd.destination, port=port), sshd.known_hosts(), connect_timeout_s=1.0)
         target.connect()
         begun = tmp_path / "begun"
-        threading.Thread(target=lambda: (_wait_for(begun), relay.cut())).start()  # type: ignore[func-returns-value]
+        threading.Thread(target=lambda: (wait_until(begun.exists, "the command"), relay.cut())).start()  # type: ignore[func-returns-value]
         try:
             if what == "run":
                 reason = target.run(f"touch {begun}; sleep 300", timeout_s=300).stderr

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 
 from lupin_cli.link.dds_check import read_exports
 from lupin_cli.link.dds_setup import SetupPaths, exports_text, profile_xml
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.graph
 
@@ -75,10 +75,12 @@ def server(namespace: list[str], bare: dict[str, str]) -> Iterator[None]:
     libraries = f"{sys.prefix}/lib:{site}/ros_fastrtps.libs"
     command = [*namespace, str(program), "-i", "0", "-l", "0.0.0.0", "-p", "11811"]
     process = subprocess.Popen(command, env={**bare, "LD_LIBRARY_PATH": libraries}, stdout=subprocess.DEVNULL)
-    deadline = time.monotonic() + 30
-    while ":11811" not in subprocess.run([*namespace, "ss", "-lnu"], capture_output=True, text=True).stdout:
-        assert process.poll() is None and time.monotonic() < deadline, "the discovery server did not come up"
-        time.sleep(0.05)
+
+    def listens() -> bool:
+        assert process.poll() is None
+        return ":11811" in subprocess.run([*namespace, "ss", "-lnu"], capture_output=True, text=True).stdout
+
+    wait_until(listens, "the discovery server")
     yield
     process.terminate()
     process.wait(60)

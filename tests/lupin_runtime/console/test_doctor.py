@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.support.console_browser import Browser
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from lupin_runtime.console.node import Console
@@ -49,14 +50,13 @@ def orphan() -> Iterator[Path]:
 
 def examined(browser: Browser, after_s: float = 0.0) -> dict[str, Any]:
     """Return the state after an examination that ended later than `after_s`."""
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while True:
+
+    def find() -> dict[str, Any] | None:
         state: dict[str, Any] = browser.get("/_api/doctor")
         assert not state["problem"]
-        if not state["busy"] and (state["examined_s"] or 0) > after_s:
-            return state
-        assert time.monotonic() < deadline_s, state
-        time.sleep(0.1)
+        return state if not state["busy"] and (state["examined_s"] or 0) > after_s else None
+
+    return wait_until(find, lambda: f"an examination: {browser.get('/_api/doctor')}", TIMEOUT_S)
 
 
 def test_finding_is_listed_previewed_and_fixed(browser: Browser, orphan: Path) -> None:

@@ -9,7 +9,6 @@ import pwd
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -67,14 +66,13 @@ class Up:
 
     def until(self, condition: Callable[[dict[str, Any]], bool], what: str, timeout_s: float = UP_TIMEOUT_S) -> dict[str, Any]:
         """Return the first state in which the condition holds."""
-        deadline = time.monotonic() + timeout_s
-        while time.monotonic() < deadline:
+
+        def holds() -> dict[str, Any]:
             state = self.state()
-            if state.get("stages") and condition(state):
-                return state
-            assert self.process.poll() is None, f"exited while waiting for {what}: {self.process.communicate()}"
-            time.sleep(0.1)
-        raise AssertionError(f"no {what} within {timeout_s} s: {self.state()}")
+            return state if state.get("stages") and condition(state) else {}
+
+        state: dict[str, Any] = self.wait(holds, what, timeout_s)
+        return state
 
     def wait_up(self) -> dict[str, Any]:
         """Return the first state in which every stage is up."""
@@ -108,12 +106,13 @@ class Up:
 
     def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = UP_TIMEOUT_S) -> Any:
         """Wait for the first true value of the condition; fail if the run ends."""
-        deadline = time.monotonic() + timeout_s
-        while not (value := condition()):
-            assert self.process.poll() is None, f"exited while waiting for {what}: {self.process.communicate()}"
-            assert time.monotonic() < deadline, f"no {what} within {timeout_s:.0f} s: {self.simulator()} {self.state()}"
-            time.sleep(0.1)
-        return value
+
+        def value() -> Any:
+            found = condition()
+            assert found or self.process.poll() is None, f"exited while waiting for {what}: {self.process.communicate()}"
+            return found
+
+        return wait_until(value, lambda: f"{what}: {self.simulator()} {self.state()}", timeout_s, interval_s=0.1)
 
     def log(self, stage: str) -> str:
         """Return the log of a process of the run."""

@@ -25,6 +25,7 @@ from tests.support.console_browser import Browser
 from tests.support.image_messages import decoded
 from tests.support.rosbridge_client import RosbridgeClient
 from tests.support.video_client import VideoClient
+from tests.support.waiting import wait_until
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
@@ -36,7 +37,6 @@ PROGRAM_TIMEOUT_S = 120.0
 STREAM_PERIOD_S = 0.1
 # Messages. A process that does not respond for a moment stops the robot, and then the stick must be let go of.
 LET_GO_EVERY = 15
-REST_TIMEOUT_S = 30.0
 REST = 0.01  # m/s and rad/s
 MOVING_RAD_S = 0.05
 LOST = "the console was lost while a browser was driving"
@@ -58,16 +58,17 @@ def drive(run: Up, client: RosbridgeClient, condition: Callable[[], Any], what: 
 def take_stick(client: RosbridgeClient) -> None:
     """Hold the stick at rest until the drive bus would let it drive: motion that comes right after a stop stays at zero."""
     client.send("subscribe", topic=graph.DRIVE_STATUS.name)
-    deadline_s = time.monotonic() + REST_TIMEOUT_S
-    while time.monotonic() < deadline_s:
+
+    def is_free() -> bool:
         client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={})
         with suppress(TimeoutError):
             message = client.take(STREAM_PERIOD_S)
             if message.get("topic") == graph.DRIVE_STATUS.name:
-                manual = json.loads(message["msg"]["data"])["inputs"]["manual"]
-                if manual["why"] == "wins the bus":
-                    return
-    raise TimeoutError(f"the stick is not free after {REST_TIMEOUT_S:g} s of rest: {client.received[-1:]}")
+                why: str = json.loads(message["msg"]["data"])["inputs"]["manual"]["why"]
+                return why == "wins the bus"
+        return False
+
+    wait_until(is_free, lambda: f"a stick that is free: {client.received[-1:]}", interval_s=0.0)
 
 
 def turning(run: Up) -> bool:

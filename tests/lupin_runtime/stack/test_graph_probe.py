@@ -29,6 +29,7 @@ from lupin_runtime.stack import graph_probe, graph_session
 from lupin_runtime.stack.known_graphs import known_graphs
 from lupin_runtime.stack.runs import create_run
 from lupin_runtime.stack.service_calls import CALL_TIMEOUT_S, ServiceCalls
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from tests.conftest import GraphHost
@@ -63,10 +64,12 @@ def robot(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
         folder = tmp_path / str(len(running))
         command = [sys.executable, "-m", "lupin_sim", "--world", "walled", "--no-cameras", "--run-dir", str(folder), *arguments]
         running.append(subprocess.Popen(command))
-        deadline = time.monotonic() + 60
-        while not (folder / "sim_state.json").exists():
-            assert running[-1].poll() is None and time.monotonic() < deadline, "the simulated robot did not come up"
-            time.sleep(0.05)
+
+        def publishes() -> bool:
+            assert running[-1].poll() is None
+            return (folder / "sim_state.json").exists()
+
+        wait_until(publishes, "the simulated robot")
         return running[-1]
 
     yield start

@@ -14,6 +14,7 @@ from lupin_runtime import graph
 from lupin_runtime.console.description import read_description
 from tests.lupin_runtime.stack.conftest import Up
 from tests.support.console_browser import Browser
+from tests.support.waiting import wait_until
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
@@ -32,12 +33,9 @@ def speed_m_s(run: Any) -> float:
     return float((twist[0] ** 2 + twist[1] ** 2) ** 0.5)
 
 
-def until_moving(run: Any, timeout_s: float = 60.0) -> None:
+def until_moving(run: Any) -> None:
     """Wait until the robot drives."""
-    deadline = time.monotonic() + timeout_s
-    while speed_m_s(run) < 0.1:
-        assert time.monotonic() < deadline, run.state().get("mission")
-        time.sleep(0.2)
+    wait_until(lambda: speed_m_s(run) >= 0.1, lambda: f"a robot that drives: {run.state().get('mission')}")
 
 
 @pytest.mark.smoke

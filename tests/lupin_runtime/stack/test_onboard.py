@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -138,10 +137,12 @@ def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monk
 
     make_probe = monitor._make_probe
     monkeypatch.setattr(monitor, "_make_probe", lambda needed: created.append(needed) or make_probe(needed))  # type: ignore[func-returns-value]
-    deadline = time.monotonic() + TIMEOUT_S
-    while len(created) < 3 and time.monotonic() < deadline:
+
+    def nothing() -> None:
         assert not monitor.satisfied(condition)
         monitor.spin(0.05)
+
+    wait_until(lambda: len(created) >= 3, "three subscriptions", interval_s=0.0, each=nothing)
     assert created == [condition] * 3
     assert len(estop_subscriptions()) == module.MAX_SUBSCRIPTIONS, "a first sample may be under way to an earlier one"
     monkeypatch.setattr(module, "RESUBSCRIBE_AFTER_S", TIMEOUT_S)
@@ -150,9 +151,7 @@ def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monk
     message = publisher.msg_type()
     node.create_timer(0.1, lambda: publisher.publish(message))
     graph_host.add(node)
-    while not monitor.satisfied(condition):
-        assert time.monotonic() < deadline + TIMEOUT_S
-        monitor.spin(0.05)
+    wait_until(lambda: monitor.satisfied(condition), "a sample", interval_s=0.0, each=lambda: monitor.spin(0.05))
     assert estop_subscriptions() == []
     monitor._executor.shutdown(timeout_sec=1.0)
     monitor.node.destroy_node()

@@ -25,7 +25,6 @@ BEATING = (
     "channel = Supervision(); channel.start()\n"
     "while True:\n    channel.beat(time.monotonic_ns(), 'node'); time.sleep(0.1)"
 )
-TIMEOUT_S = 60.0
 
 
 class FakeNotifier:
@@ -102,9 +101,7 @@ def supervise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 
 def until(condition: Callable[[], bool]) -> Iterator[None]:
-    deadline = time.monotonic() + TIMEOUT_S
     while not condition():
-        assert time.monotonic() < deadline
         yield
 
 

@@ -9,7 +9,6 @@ import resource
 import select
 import signal
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.support.waiting import WAIT_S, wait_for_nothing
+from tests.support.waiting import WAIT_S, wait_for_nothing, wait_until
 
 pytestmark = [pytest.mark.sim, pytest.mark.graph, pytest.mark.xdist_group("stack")]
 
@@ -138,10 +137,8 @@ def test_detached_run_is_shown_by_status_and_stopped_by_down(launch: Callable[..
     out, err = run.process.communicate(timeout=60)
     assert run.process.returncode == 0, err
     assert "lupin down" in out
-    deadline = time.monotonic() + 60.0
-    while (status := run.lupin("status", "--json")).returncode != 0:
-        assert time.monotonic() < deadline, status.stdout
-    state = json.loads(status.stdout)
+    wait_until(lambda: run.lupin("status", "--json").returncode == 0, "a run that is up")
+    state = json.loads(run.lupin("status", "--json").stdout)
     assert {stage["phase"] for stage in state["stages"]} == {"up"}
     processes = [psutil.Process(stage["pid"]) for stage in state["stages"]]
     assert run.lupin("down").returncode == 0
@@ -205,10 +202,10 @@ def test_closed_terminal_leaves_a_result_and_a_report(tmp_path: Path) -> None:
         printed = b""
         while b"READY" not in printed:
             printed += os.read(master, 4096)
-        deadline = time.monotonic() + 5.0
-        while time.monotonic() < deadline:  # some seconds are recorded; the terminal must be read meanwhile
-            if select.select([master], [], [], 0.2)[0]:
-                os.read(master, 4096)
+        for _ in range(25):  # some seconds are recorded; the terminal must be read meanwhile
+            wait_for_nothing(0.2, "a report of a recording that is not empty")
+            if select.select([master], [], [], 0)[0]:
+                os.read(master, 65536)
     finally:
         os.close(master)
         _, status = os.waitpid(pid, 0)

@@ -8,7 +8,6 @@ import json
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import pytest
 
 from lupin_runtime.report import build_comparison, build_report
+from tests.support.waiting import wait_until
 
 from ..conftest import facts, score
 
@@ -93,10 +93,8 @@ class Browser:
         self.call("Page.navigate", url="about:blank")
         self.call("Page.navigate", url=f"{page.as_uri()}{fragment}")
         # Polled, not awaited: promises never resolve on a page whose scripts are disabled.
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while self.evaluate("location.href + document.readyState") != f"{page.as_uri()}{fragment}complete":
-            assert time.monotonic() < deadline_s, f"{page} did not load"
-            time.sleep(0.02)
+        loaded = f"{page.as_uri()}{fragment}complete"
+        wait_until(lambda: self.evaluate("location.href + document.readyState") == loaded, f"{page}", interval_s=0.02)
 
     def evaluate(self, expression: str) -> Any:
         result = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
