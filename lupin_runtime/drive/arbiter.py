@@ -8,7 +8,8 @@ Two rules are stricter than in a plain multiplexer, because people stand next to
 * The end of a lock starts no motion. An input that commanded motion during the lock must be seen at rest once (neutral, or
   silent for `NEUTRAL_SILENCE_S` while the bus is unlocked) before its motion passes again. Until then it wins the bus by its
   priority, but at zero, because a person may be pushing that stick. Autonomy must rest only after an engaged e-stop. After a
-  mere loss of the e-stop's heartbeat (its process was restarted) its new commands pass, so that a mission continues.
+  mere loss of the e-stop's heartbeat (its process was restarted) its new commands pass, so that a mission continues. A rest
+  before that loss counts, too.
 
 Several publishers may share an input, such as the sticks of two consoles, and their messages do not name them. A neutral
 message therefore counts as rest only if no motion arrived on its input within the input's timeout.
@@ -139,8 +140,7 @@ class Arbiter:
             state.armed = state.armed or rested
         else:
             if not state.armed and not locked:
-                since = self._unlocked_ns if state.last_ns is None else max(self._unlocked_ns, state.last_ns)
-                state.armed = rested or now_ns - since >= self._neutral_ns
+                state.armed = rested or self._was_silent(state, now_ns)
             elif locked and (self._estop.engaged or self._by_key[key].operator):
                 state.armed = False  # motion was commanded during the lock: an earlier rest no longer counts
             state.moved_ns, state.was_neutral = now_ns, False
@@ -210,13 +210,21 @@ class Arbiter:
         silent = self._require_heartbeat and not self._has_heartbeat(now_ns)
         locked = self._closed or self._estop.engaged or bool(self._lock_reason) or silent
         if locked and not self._locked:
+            # A silence counts as long as messages could be received: this process may have been suspended since.
+            heard_ns = min(now_ns, (self._estop_received_ns or 0) + self._heartbeat_ns)
             for item in self.inputs:
-                if item.operator:
-                    self._inputs[item.key].armed = False
+                state = self._inputs[item.key]
+                was_at_rest = state.armed or (not self._estop.engaged and self._was_silent(state, heard_ns))
+                state.armed = was_at_rest and not item.operator
         elif self._locked and not locked:
             self._unlocked_ns = now_ns
         self._locked = locked
         return locked
+
+    def _was_silent(self, state: _InputState, now_ns: int) -> bool:
+        """Return whether an input was silent long enough to be at rest, since the bus is unlocked."""
+        since_ns = self._unlocked_ns if state.last_ns is None else max(self._unlocked_ns, state.last_ns)
+        return now_ns - since_ns >= self._neutral_ns
 
     def _has_heartbeat(self, now_ns: int) -> bool:
         return self._estop_received_ns is not None and 0 <= now_ns - self._estop_received_ns <= self._heartbeat_ns

@@ -166,15 +166,15 @@ class RobotState:
         except (TransformUnavailable, TiltedLaser) as error:
             self._lidar.refuse(str(error))
             return None
-        if not self._lidar.accept(scan, base, self._now_s()):
-            return None
         try:
             first = self._sensor_pose(frame, scan.stamp_ns)
             last = self._sensor_pose(frame, scan.stamp_ns + int(scan.duration_s * 1e9)) if scan.duration_s > 0.0 else first
         except TransformUnavailable as error:
+            # Before it is judged: the costmap stays without it, so the last good scan grows older.
+            self._lidar.refuse(str(error))
             self._node.get_logger().warning(f"scan not used: {error}", throttle_duration_sec=5.0)
             return None
-        return scan, BeamPoses(first, last)
+        return (scan, BeamPoses(first, last)) if self._lidar.accept(scan, base, self._now_s()) else None
 
     def _sensor_pose(self, frame: str, stamp_ns: int) -> Pose2:
         tree = self._listener.tree

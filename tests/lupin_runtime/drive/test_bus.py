@@ -343,6 +343,34 @@ def test_input_long_after_the_release_needs_no_neutral() -> None:
     assert driver.command("manual", FORWARD) == FORWARD
 
 
+@pytest.mark.parametrize(("silent_s", "passes"), [(2.1, True), (1.0, False)])
+def test_autonomy_silent_before_a_lost_bridge_has_rested(silent_s: float, passes: bool) -> None:
+    driver = Driver().ready()
+    driver.command("auto", FORWARD)
+    driver.estop(True)
+    driver.release()
+    driver.wait(int(silent_s * S), released=True)
+    driver.wait(1500 * MS)  # the bridge is lost
+    sent = []
+    for _ in range(100):  # a stream that began during the lock, and never rests
+        sent.append(driver.command("auto", FORWARD))
+        driver.wait(TICK, released=True)
+    assert (FORWARD in sent) == passes
+
+
+def test_time_in_which_the_bus_was_suspended_is_no_silence() -> None:
+    driver = Driver().ready()
+    driver.command("auto", FORWARD)
+    driver.estop(True)
+    driver.release()
+    driver.now_ns += 10 * S
+    driver.tick()
+    for _ in range(20):
+        driver.command("auto", FORWARD)
+        driver.wait(TICK, released=True)
+    assert driver.command("auto", FORWARD) == ZERO
+
+
 def test_estop_after_a_lost_bridge_also_stops_autonomy() -> None:
     driver = Driver().ready()
     driver.command("auto", FORWARD)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import threading
 from array import array
+from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from lupin_runtime.geometry import Pose2
 from tests.support.kinematic_base import Arena, Base
 
 if TYPE_CHECKING:
-    from geometry_msgs.msg import Twist
+    from geometry_msgs.msg import TransformStamped, Twist
     from nav2_msgs.action import (
         ComputePathToPose_GetResult_Response,
         ComputePathToPose_Goal,
@@ -30,9 +32,11 @@ if TYPE_CHECKING:
 
     from lupin_runtime.navigation.node import Navigator
     from lupin_runtime.ros.node import LupinNode
+    from lupin_runtime.transforms import TransformTree
     from tests.conftest import GraphHost
 
 STEP_S, SPEED = 0.04, 3.0
+MAX_STEPS_AHEAD = 4  # of the transforms that navigation has handled
 
 
 def _robot_class() -> type[Any]:
@@ -40,9 +44,9 @@ def _robot_class() -> type[Any]:
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import LaserScan
 
-    from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_from_ns
+    from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_from_ns, stamp_ns
     from lupin_runtime.ros.tf import to_message
-    from lupin_runtime.transforms import Transform
+    from lupin_runtime.transforms import Transform, TransformUnavailable
 
     def transform(pose: Pose2) -> Transform:
         return Transform((pose.x, pose.y, 0.0), (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2)))
@@ -50,7 +54,8 @@ def _robot_class() -> type[Any]:
     class TinyRobot(LupinNode):
         """A kinematic base with odometry, a lidar and perfect localization.
 
-        It publishes the clock, SPEED times as fast as the wall clock, in steps: a slow machine only makes the test slower.
+        It publishes the clock, SPEED times as fast as the wall clock, in steps, and waits for its navigation: a slow machine
+        only makes the test slower.
         """
 
         def __init__(self, arena: Arena, start: Pose2) -> None:
@@ -72,6 +77,10 @@ def _robot_class() -> type[Any]:
             self._scan = self.publisher(graph.SCAN)
             self._map = self.publisher(graph.MAP)
             self._tf = TransformBroadcaster(self)
+            self.followed_by: TransformTree | None = None
+            self.late_steps = 0  # by which transforms come later than the scans
+            self._sent_ns: deque[int] = deque(maxlen=250)
+            self._transforms: deque[list[TransformStamped]] = deque()
             self.subscription(graph.CMD_VEL_NAV, self._on_command)
             self.mount_lidar(0.0)
             self.create_timer(STEP_S / SPEED, self._step)
@@ -98,7 +107,18 @@ def _robot_class() -> type[Any]:
             message.data = array("b", grid.cells.tobytes())
             self._map.publish(message)
 
+        def _is_ahead(self) -> bool:
+            if self.followed_by is None:
+                return False
+            with suppress(TransformUnavailable):
+                newest = self.followed_by.newest_ns(graph.ODOM_FRAME, graph.BASE_FRAME)
+                return newest in self._sent_ns and newest not in list(self._sent_ns)[-MAX_STEPS_AHEAD:]
+            return False
+
         def _step(self) -> None:
+            if self._is_ahead():
+                self._tf.send(*self._transforms[0])  # they may have been lost
+                return
             self.time_ns += int(STEP_S * 1e9)
             self.steps += 1
             self._clock_out.publish(Clock(clock=stamp_from_ns(self.time_ns)))
@@ -113,7 +133,7 @@ def _robot_class() -> type[Any]:
             now = self.time_ns
             odometry = self.base.odometry
             correction = self.base.truth @ odometry.inverse()
-            self._tf.send(
+            self._send_transforms(
                 to_message(graph.ODOM_FRAME, graph.BASE_FRAME, now, transform(odometry)),
                 to_message(graph.MAP_FRAME, graph.ODOM_FRAME, now, transform(correction)),
             )
@@ -121,6 +141,16 @@ def _robot_class() -> type[Any]:
             twist = message.twist.twist
             twist.linear.x, twist.linear.y, twist.angular.z = self.base.velocity
             self._odometry.publish(message)
+
+        def _send_transforms(self, *transforms: TransformStamped) -> None:
+            self._transforms.append(list(transforms))
+            while len(self._transforms) > 1 + self.late_steps:
+                self._transforms.popleft()
+            sent_ns = stamp_ns(self._transforms[0][0].header.stamp)
+            if self._sent_ns and self._sent_ns[-1] > sent_ns:
+                self._sent_ns.clear()  # the clock was set back
+            self._sent_ns.append(sent_ns)
+            self._tf.send(*self._transforms[0])
 
         def _publish_scan(self) -> None:
             if self.scan_mode == "silent":
@@ -205,6 +235,7 @@ def pilot(graph_host: GraphHost, request: pytest.FixtureRequest) -> Iterator[Any
     robot = graph_host.add(_robot_class()(arena, Pose2(0.6, 0.6, 0.0)))
     robot.publish_map()
     navigator = graph_host.add(Navigator({"use_sim_time": True, "goal_checker.settle_s": 0.5, **getattr(request, "param", {})}))
+    robot.followed_by = navigator._robot_state.tree
     pilot = Pilot(graph_host, robot, navigator, graph_host.add(LupinNode("pilot")))
     # The servers may be discovered before the transforms arrive; what needs the robot's pose is refused until then.
     graph_host.until(lambda: navigator._robot_state.map_from_base() is not None, what="the robot's pose")

@@ -108,6 +108,17 @@ def test_blind_lidar_stops_the_robot_until_it_recovers(pilot: Any, mode: str) ->
     assert pilot.result(handle).status == SUCCEEDED
 
 
+def test_poses_older_than_the_scans_stop_the_robot(pilot: Any) -> None:
+    handle = pilot.send(pilot.goal(3.2, 2.0))
+    pilot.host.until(pilot.driving, what="motion")
+    pilot.robot.late_steps = 25
+    pilot.host.until(lambda: pilot.at_rest() and pilot.ends_with_zero(), what="a halt with old poses")
+    assert pilot.robot.base.truth.distance_to(Pose2(3.2, 2.0)) > 0.5, "it halts on its way"
+    pilot.host.until(lambda: "is known from" in (pilot.navigator._robot_state.lidar_fault() or ""), what="the cause")
+    pilot.robot.late_steps = 0
+    assert pilot.result(handle).status == SUCCEEDED
+
+
 def test_lidar_that_hangs_upside_down_keeps_off_walls(pilot: Any) -> None:
     pilot.robot.mount_lidar(math.pi)
     assert pilot.result(pilot.send(pilot.goal(3.2, 2.0))).status == SUCCEEDED  # the fixture counts collisions
