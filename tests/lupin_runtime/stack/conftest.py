@@ -112,7 +112,9 @@ class Up:
             assert found or self.process.poll() is None, f"exited while waiting for {what}: {self.process.communicate()}"
             return found
 
-        return wait_until(value, lambda: f"{what}: {self.simulator()} {self.state()}", timeout_s, interval_s=0.1)
+        return wait_until(
+            value, lambda: f"{what}: {self.simulator()} {self.state()} {self.log('drive')[-1000:]}", timeout_s, interval_s=0.1
+        )
 
     def log(self, stage: str) -> str:
         """Return the log of a process of the run."""
