@@ -15,10 +15,11 @@ from typer.core import TyperGroup
 
 from lupin_cli import __version__
 from lupin_cli.completion import matching
-from lupin_cli.exit_codes import INTERNAL_ERROR, INTERRUPTED
+from lupin_cli.exit_codes import FAILURE, INTERNAL_ERROR, INTERRUPTED
 from lupin_cli.json_errors import errors_as_objects
 from lupin_cli.printed_commands import lupin, print_next
 from lupin_cli.terminal import echo, is_interrupt, printable
+from lupin_runtime.ending import STUCK
 
 # verb: (section, one line of help). The module is lupin_cli.commands.<verb>, with dashes as underscores.
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -180,6 +181,11 @@ def main() -> None:
     try:
         with errors_as_objects() if "--json" in sys.argv else nullcontext():
             _run()
+    except SystemExit as ended:
+        if STUCK.is_set():
+            _flush_output()
+            os._exit(ended.code if isinstance(ended.code, int) else FAILURE)
+        raise
     finally:
         _flush_output()
 

@@ -65,6 +65,7 @@ def join_run(run: str | None) -> Iterator[RosSession]:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
+    from lupin_runtime.ros.leaving import leave_graph
     from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 
     rclpy.init(args=ROS_ARGUMENTS)
@@ -75,5 +76,4 @@ def join_run(run: str | None) -> Iterator[RosSession]:
         yield RosSession(node, executor)
     finally:
         executor.shutdown(timeout_sec=1.0)
-        node.destroy_node()
-        rclpy.try_shutdown()
+        leave_graph(node)

@@ -32,8 +32,10 @@ from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.idle_watch import IdleWatch
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.arm.motion import RESERVED
+from lupin_runtime.ending import exit_with
 from lupin_runtime.environment import is_off
 from lupin_runtime.exit_codes import ESTOPPED, FAILURE, SUCCESS
+from lupin_runtime.ros.leaving import leave_graph
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.safety.estop_monitor import ESTOP_ENGAGED
 from lupin_runtime.safety.estop_subscription import subscribe_estop
@@ -348,7 +350,7 @@ def main(arguments: list[str]) -> int:
         print(f"{time.monotonic() - began_s:6.1f} s  {line}", flush=True)
 
     rclpy.init(args=ROS_ARGUMENTS)
-    node = LupinNode("auto_home")
+    node = LupinNode("auto_home", enable_rosout=False)
     limits = replace(Limits(), visible_s=options.patience, idle_s=options.when_idle)
     limits = replace(limits, total_s=limits.total_s + (limits.idle_s or 0.0))
     home = AutoHome(node, limits, say, options.unattended, Consent() if options.ask else None)
@@ -363,8 +365,7 @@ def main(arguments: list[str]) -> int:
         return FAILURE
     finally:
         home.close()
-        node.destroy_node()
-        rclpy.try_shutdown()
+        leave_graph(node)
     home_report.write_report(home_report.HOME)
     return SUCCESS
 
@@ -383,7 +384,4 @@ def _report_failure(reason: NotHome, unattended: bool, before: home_report.HomeR
 
 
 if __name__ == "__main__":
-    status = main(sys.argv[1:])
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)  # all output is flushed, and the middleware's threads may take long to stop
+    exit_with(main(sys.argv[1:]))

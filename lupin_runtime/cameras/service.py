@@ -9,8 +9,9 @@ import sys
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.cameras.configuration import read_configuration
+from lupin_runtime.ending import exit_with
 from lupin_runtime.stack.options import ROBOT_CAMERAS, Options
-from lupin_runtime.stack.service import exit_with, serve
+from lupin_runtime.stack.service import serve
 
 
 def main() -> int:

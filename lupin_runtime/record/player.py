@@ -21,6 +21,7 @@ from typing import Any
 import yaml
 
 from lupin_runtime import graph
+from lupin_runtime.ending import exit_with
 from lupin_runtime.exit_codes import FAILURE, INTERRUPTED, SUCCESS, USAGE_ERROR
 from lupin_runtime.graph import Qos, Topic
 from lupin_runtime.record.reader import MESSAGE_LIMIT_BYTES, ChannelInfo, NotARecording, RawMessage, Recording
@@ -225,6 +226,7 @@ def _play(
 ) -> int:
     import rclpy
 
+    from lupin_runtime.ros.leaving import leave_graph
     from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 
     rclpy.init(args=ROS_ARGUMENTS, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
@@ -245,8 +247,7 @@ def _play(
             print(f"{topic}: {count} messages do not fit their type and were not played", file=sys.stderr)
         return SUCCESS if whole and not stop.is_set() else INTERRUPTED
     finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+        leave_graph(node)
 
 
 def _print_line(progress: dict[str, Any]) -> None:
@@ -254,4 +255,4 @@ def _print_line(progress: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    exit_with(main())

@@ -6,7 +6,6 @@ callback, so neither is used.
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 import time
@@ -19,6 +18,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from lupin_runtime.ending import exit_within
 from lupin_runtime.heartbeat import PROCESS_PERIOD_S
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.ros.node_executor import NodeExecutor
@@ -149,8 +149,7 @@ def run(
         traceback.print_exc()
         failed.set()
     finally:
-        # A middleware that hangs must not keep this process on the graph.
-        threading.Thread(target=_exit_after, args=(2 * STOP_GRACE_S,), daemon=True).start()
+        exit_within(2 * STOP_GRACE_S)  # a middleware that hangs must not keep this process on the graph
         for spinner in spinners:
             spinner.stop()
         for spinner in spinners:
@@ -164,8 +163,3 @@ def run(
 def _beat(supervision: Supervision, spinners: Sequence[_Spinner]) -> None:
     responded_ns, node = min((spinner.responded_ns(), spinner.node.get_name()) for spinner in spinners)
     supervision.beat(responded_ns, node)
-
-
-def _exit_after(seconds: float) -> None:
-    time.sleep(seconds)
-    os._exit(1)

@@ -13,6 +13,7 @@ import stat
 import threading
 import time
 
+from lupin_runtime.ending import exit_within
 from lupin_runtime.heartbeat import MAX_BYTES, SUPERVISOR_TIMEOUT_S, Beat, decode, encode
 
 ORPHAN_GRACE_S = 5.0
@@ -55,9 +56,8 @@ class Supervision:
     def _follow(self) -> None:
         while packet := self._read():
             self._received = decode(packet) or self._received
+        exit_within(ORPHAN_GRACE_S)
         os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(ORPHAN_GRACE_S)
-        os._exit(1)
 
     def _read(self) -> bytes:
         try:

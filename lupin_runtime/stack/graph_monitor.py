@@ -19,6 +19,7 @@ from rclpy.action import ActionClient
 from lupin_runtime import graph
 from lupin_runtime.json_text import parse_json
 from lupin_runtime.ros.interfaces import interface
+from lupin_runtime.ros.leaving import leave_graph
 from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.ros.node_executor import NodeExecutor
 from lupin_runtime.ros.tf import TransformListener
@@ -115,8 +116,7 @@ class GraphMonitor:
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown(timeout_sec=1.0)
-        self.node.destroy_node()
-        rclpy.try_shutdown()
+        leave_graph(self.node)
 
     def _count(self, name: str, _: bytes) -> None:
         self._rates[name].tick()

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
+from lupin_runtime.ending import exit_with
 from lupin_runtime.exit_codes import SUCCESS, USAGE_ERROR
 from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.json_text import parse_json
@@ -114,4 +115,4 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    exit_with(main())

@@ -62,7 +62,6 @@ class GraphSession:
 
         from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 
-        self._rclpy = rclpy
         rclpy.init(args=ROS_ARGUMENTS, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         self.node = LupinNode(f"{NODE_PREFIX}{os.getpid()}", enable_rosout=False)
         self._executor = SingleThreadedExecutor()
@@ -81,9 +80,10 @@ class GraphSession:
 
     def close(self) -> None:
         """Leave the graph, so that its other nodes are informed at once."""
+        from lupin_runtime.ros.leaving import leave_graph
+
         self._executor.shutdown(timeout_sec=1.0)
-        self.node.destroy_node()
-        self._rclpy.try_shutdown()
+        leave_graph(self.node)
 
     def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Handle messages until `condition()` holds; return False after the timeout."""

@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 
+from lupin_runtime.ending import exit_with
 from lupin_runtime.environment import is_off
 from lupin_runtime.safety.expected_sources import ESTOP_BUTTON
 from lupin_runtime.stack.options import ONBOARD, Options
-from lupin_runtime.stack.service import exit_with, serve
+from lupin_runtime.stack.service import serve
 
 
 def onboard_options(environment: Mapping[str, str]) -> Options:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import faulthandler
 import gc
 import importlib
-import os
 import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from lupin_runtime.ending import exit_with
 from lupin_runtime.json_text import parse_json
 
 
@@ -42,8 +42,4 @@ def main(argument: str) -> int:
 
 
 if __name__ == "__main__":
-    status = main(sys.argv[1])
-    sys.stdout.flush()
-    sys.stderr.flush()
-    # Interpreter shutdown after DDS is slow and may abort; all output has been flushed.
-    os._exit(status)
+    exit_with(main(sys.argv[1]))

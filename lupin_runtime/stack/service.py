@@ -145,10 +145,3 @@ def _supervise(supervisor: Supervisor, monitor: GraphMonitor, notifier: Notifier
             state_due_s = time.monotonic() + STATE_PERIOD_S
             state_file.write({**supervisor.snapshot(), "id": run.id, "alarms": list(monitor.alarms)})
     return SUCCESS
-
-
-def exit_with(status: int) -> None:
-    """Exit at once, after flushing all output. A normal interpreter shutdown after DDS is slow and may abort."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)

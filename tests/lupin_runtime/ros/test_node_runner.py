@@ -105,18 +105,36 @@ class Node(LupinNode):
 os._exit(run([Node]))
 """
 
+# A command that joins a graph, and goes on when it has left.
+VISITOR = """
+import os, signal, threading
+import rclpy
+from lupin_runtime.ending import STUCK
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.leaving import leave_graph
+from lupin_runtime.ros.node import ROS_ARGUMENTS
+
+over = threading.Event()
+rclpy.init(args=ROS_ARGUMENTS, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+signal.signal(signal.SIGTERM, lambda *_: over.set())
+node = LupinNode('terminated', enable_rosout=False)
+over.wait()
+leave_graph(node)
+os._exit(int(rclpy.ok() or STUCK.is_set()))
+"""
 
 # A process that exits without leaving the graph stays visible until its DDS lease expires.
 LONG_LEASE = "<builtin><discovery_config><leaseDuration><sec>600</sec></leaseDuration></discovery_config></builtin>"
 
 
-def test_terminated_process_leaves_the_graph_at_once(graph_host: GraphHost, tmp_path: Path) -> None:
+@pytest.mark.parametrize("program", [ONE_NODE, VISITOR], ids=["node runner", "visitor"])
+def test_terminated_process_leaves_the_graph_at_once(graph_host: GraphHost, tmp_path: Path, program: str) -> None:
     from lupin_runtime.ros import LupinNode
 
     profile = tmp_path / "profile.xml"
     profile.write_text(Path(os.environ[PROFILE]).read_text().replace("</rtps>", f"{LONG_LEASE}</rtps>"))
     observer = graph_host.add(LupinNode("observer"))
-    process = subprocess.Popen([sys.executable, "-c", ONE_NODE], env={**os.environ, PROFILE: str(profile)})
+    process = subprocess.Popen([sys.executable, "-c", program], env={**os.environ, PROFILE: str(profile)})
     graph_host.until(lambda: "terminated" in observer.get_node_names(), what="the node")
     process.send_signal(signal.SIGTERM)
     assert process.wait(WAIT_S) == 0
