@@ -3,8 +3,8 @@
 `load` opens the page of a run in new browsers. `stop` moves the stick, and presses the stop while a key drives: times are from
 the event in the browser to the sink. `map` and `scene` watch a mission on the map from above and in 3-D; the simulator's pace
 and the memory of all processes but the browser are measured too. The browser has the lowest priority: it takes only what the
-run leaves. `--seconds 1800 --only map` measures the growth of the heap over half an hour, and `--seconds 420 --only stop`
-presses the stop 60 times.
+run leaves. `log` measures, without a browser, how fast the page takes in lines of the log. `--seconds 1800 --only map` measures
+the growth of the heap over half an hour, and `--seconds 420 --only stop` presses the stop 60 times.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ import re
 import statistics
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from bench.detached_run import detached_run
@@ -35,6 +37,8 @@ _SCENE_CHUNK = re.compile(r"map_scene-[\w-]+\.js")
 _PROBE_MARGIN_S = 180.0
 _MOVING_TIMEOUT_S = 60.0
 _ANSWER_WITHIN_MS = 2000.0
+_INTAKES = ("log store", "list copied for every line")  # as in web/bench/log_intake.bench.ts, and so are the lines
+_INTAKE_LINES = 10_000
 
 
 def gzip_kb(path: str) -> float:
@@ -84,6 +88,21 @@ def probe(part: str, run: Run, seconds: float) -> Any:
         preexec_fn=lambda: os.nice(19),
     )
     return json.loads(done.stdout)
+
+
+def log_intake() -> dict[str, float]:
+    """Return how fast the page's store of the log takes in lines, and how much faster than a list copied for every line."""
+    path = node_path()
+    install_packages(path)
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.json"
+        command = ["node_modules/.bin/vitest", "bench", "--run", "--outputJson", str(report), "bench/log_intake.bench.ts"]
+        subprocess.run(
+            command, cwd=WEB, env={**os.environ, "PATH": path}, stdout=sys.stderr, timeout=_PROBE_MARGIN_S, check=True
+        )
+        [group] = json.loads(report.read_text(encoding="utf-8"))["files"][0]["groups"]
+    store, copied = (next(each["median"] for each in group["benchmarks"] if each["name"] == name) for name in _INTAKES)
+    return {"log_lines_per_s": _INTAKE_LINES * 1e3 / store, "log_times_faster_than_copying": copied / store}
 
 
 def load(run: Run) -> dict[str, float]:
@@ -205,12 +224,19 @@ def stop(run: Run, seconds: float) -> dict[str, float]:
         "scene_run_mb": 1200.0,
     },
     # Factors of 1, to two places.
-    at_least={"map_fps": 30.0, "scene_fps": 30.0, "map_real_time_factor": 0.995, "scene_real_time_factor": 0.995},
+    at_least={
+        "map_fps": 30.0,
+        "scene_fps": 30.0,
+        "map_real_time_factor": 0.995,
+        "scene_real_time_factor": 0.995,
+        "log_lines_per_s": 20_000.0,
+    },
 )
 def main(seconds: Seconds = 60.0, only: Only = "", world: World = "demo") -> Figures:
-    """Measure the parts `size`, `load`, `stop`, `map` and `scene`."""
-    parts = [name for name in ("size", "load", "stop", "map", "scene") if re.search(only, name)]
+    """Measure the parts `size`, `log`, `load`, `stop`, `map` and `scene`."""
+    parts = [name for name in ("size", "log", "load", "stop", "map", "scene") if re.search(only, name)]
     figures: dict[str, float] = size() if "size" in parts else {}
+    figures |= log_intake() if "log" in parts else {}
     if {"load", "stop"} & set(parts):
         with detached_run(["--world", world, "--no-record"]) as run:
             figures |= load(run) if "load" in parts else {}

@@ -135,6 +135,17 @@ def test_no_test_asserts_how_long_something_took() -> None:
     assert found == [], "bench/ measures durations"
 
 
+def page_durations(source: str) -> list[str]:
+    """Return the page's assertions that a duration is short."""
+    return re.findall(r"expect\((?:performance|Date)\.now\(\) *-.*", source)
+
+
+def test_no_test_of_the_page_asserts_a_duration() -> None:
+    files = [path for folder in ("src", "tests") for path in sorted((ROOT / "web" / folder).rglob("*.ts*"))]
+    found = [f"{path.relative_to(ROOT)}: {line}" for path in files for line in page_durations(path.read_text("utf-8"))]
+    assert found == [], "bench/ measures durations"
+
+
 def short_limits(source: str) -> list[int]:
     """Return the lines of the limits of a wait, `timeout=SECONDS`, that assert that something is quick: 1 s to below WAIT_S."""
     return [
@@ -196,4 +207,6 @@ def test_rule_finds_what_it_forbids() -> None:
     assert elapsed_assertions(forbidden) == [3]
     assert short_limits("run(timeout=60)\nrun(timeout=0.1)\nrun(timeout=None)\nrun(\n    timeout=20.0)\n") == [5]
     assert elapsed_assertions("assert took_s < 2.0\n") == [1]
+    assert page_durations("  expect(performance.now() - startMs).toBeLessThan(500);\n") != []
+    assert page_durations("  expect(performance.now()).toBeGreaterThan(0);\n") == []
     assert elapsed_assertions("assert time.monotonic() < deadline\nassert 0 < rate_hz < 3\n") == []
