@@ -16,14 +16,14 @@ test("a goal that navigation drives to is not called standing still", async ({ p
   await page.keyboard.press("Enter");
   await expect(sentence).toHaveText("Driving to a goal");
   await expect(canDrive).toContainText("let go and it drives on to its goal");
-  await expect(sentence).toHaveText("Ready for a mission", { timeout: 20_000 });
+  await expect(sentence).toHaveText("Ready for a mission");
   await expect(canDrive).toContainText("the robot stops within 0.5 s");
 });
 
 test("a lost link is dim everywhere, and its age only grows", async ({ page }) => {
   await openMock(page, "teleop", "state=lost&control=you");
   const age = page.getByTestId("loss-age");
-  await expect(page.getByText("Link lost")).toBeVisible({ timeout: 10_000 });
+  await expect(page.getByText("Link lost")).toBeVisible();
   await expect(page.getByText("You had control").first()).toBeVisible();
   await expect(page.getByText("You have control")).toHaveCount(0);
   await expect(page.getByTestId("control")).not.toHaveClass(/bg-alive-wash/);
