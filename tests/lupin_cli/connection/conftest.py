@@ -76,7 +76,12 @@ def start_sshd(directory: Path, port: int = 0, extra: str = "") -> tuple[subproc
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", port)) == 0
 
-    wait_until(listens, "sshd", interval_s=0.02)
+    try:
+        wait_until(listens, "sshd", interval_s=0.02)
+    except BaseException:
+        process.kill()
+        process.wait(60)
+        raise
     key = " ".join((directory / "host_ed25519.pub").read_text().split()[:2])
     return process, Sshd(port, directory, key)
 

@@ -138,11 +138,11 @@ def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monk
     make_probe = monitor._make_probe
     monkeypatch.setattr(monitor, "_make_probe", lambda needed: created.append(needed) or make_probe(needed))  # type: ignore[func-returns-value]
 
-    def nothing() -> None:
+    def ask_in_vain() -> None:
         assert not monitor.satisfied(condition)
         monitor.spin(0.05)
 
-    wait_until(lambda: len(created) >= 3, "three subscriptions", interval_s=0.0, each=nothing)
+    wait_until(lambda: len(created) >= 3, "three subscriptions", interval_s=0.0, each=ask_in_vain)
     assert created == [condition] * 3
     assert len(estop_subscriptions()) == module.MAX_SUBSCRIPTIONS, "a first sample may be under way to an earlier one"
     monkeypatch.setattr(module, "RESUBSCRIBE_AFTER_S", TIMEOUT_S)
